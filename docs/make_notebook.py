@@ -1,4 +1,4 @@
-"""Runs every cell of examples/notebook.ipynb, or of another, again; keeps what it prints."""
+"""Runs every cell of examples/notebook.ipynb, or of other notebooks, and keeps the outputs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def executed(file: Path) -> Any:
         CellExecutionError: A cell raised.
     """
     notebook = nbformat.read(file, as_version=4)  # type: ignore[no-untyped-call]
-    # a busy machine sends what a cell prints in pieces
+    # a busy machine splits the output of a cell
     NotebookClient(notebook, timeout=120, kernel_name="python3", coalesce_streams=True).execute()
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)

@@ -1,4 +1,4 @@
-"""Pages of the site that lie beside docs/: documents of the root, and code that is linked to."""
+"""Pages of the site from outside docs/: documents of the root, and linked code."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ BESIDE = {
 """Documents of the root, and their pages."""
 SOURCE = "source"
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\((?!\w+:)([^)#\s]+)(#[^)\s]*)?\)")
-"""A link within the repository: whether it is a picture, its text, path and anchor. Its text may
-have a picture."""
+"""A link within the repository: whether it is a picture, its text, path and anchor. The text may
+contain a picture."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages: documents as they are, code as a block each."""
+    """Add the pages: documents unchanged, code as one block each."""
     for name, page in BESIDE.items():
         files.append(File.generated(config, page, abs_src_path=str(ROOT / name)))
     for path in sorted({path for file in files.documentation_pages() for path in _linked(file)}):
@@ -37,7 +37,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Let links lead to pages; a folder has none."""
+    """Change links to point to pages; links to folders become text."""
     del config, files
     if page.file.src_uri.startswith(SOURCE):
         return markdown

@@ -1,4 +1,4 @@
-"""A sensor of one's own: the distance from the robot to the person, ten times a second."""
+"""A user-defined sensor: the distance from the robot to the person, ten times per second."""
 
 import numpy as np
 from mecazen.config import Scenario
@@ -9,7 +9,7 @@ from mecazen.schema import NonNegative, Positive, Section
 
 
 class Range(Message):
-    """A distance, as of an ultrasonic sensor; at most the sensor's range."""
+    """A distance, as from an ultrasonic sensor; at most the sensor's range."""
 
     ROS_TYPE = "mecazen_examples/msg/Range"
     header: Header = Header()
@@ -50,7 +50,7 @@ class RangeSensor(Node):
         self.random = np.random.default_rng(seed)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return a measurement in ticks that bring one."""
+        """Return a measurement in ticks in which one is due."""
         if tick.number % self.ticks_per_sample:
             return {}
         robot, person = (inputs[t].pose.pose.to_planar() for t in (GROUND_TRUTH, TARGET_ODOM))

@@ -1,1 +1,1 @@
-"""How fast and how right the simulator is: `mecazen bench`."""
+"""Speed and accuracy of the simulator: `mecazen bench`."""

@@ -32,7 +32,7 @@ BENCHMARKS = {
     "steps": "physics:run_steps",
     "experiments": "experiments:run",
 }
-"""Module and function of each, which measures one round."""
+"""Module and function of each benchmark; the function measures one round."""
 ON_REQUEST = ("peers", "steps", "experiments")
 """Benchmarks that take minutes."""
 

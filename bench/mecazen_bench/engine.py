@@ -1,4 +1,4 @@
-"""Manoeuvres that every engine drives alike, and what is measured on them, with the energy."""
+"""Manoeuvres that all engines drive in the same way, and their measurements."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from mecazen_physics.model import Link
 RIM_SPEED = 0.3
 """Speed of the wheels' rims in the manoeuvres [m/s]."""
 RAMP_S, SETTLE_S = 0.3, 0.5
-"""Time to reach that speed, and for the transient to decay."""
+"""Time to reach `RIM_SPEED`, and for the transient to decay."""
 PASSAGES = 16
-"""Rollers that pass below each wheel while a manoeuvre is measured."""
+"""Number of rollers that pass below each wheel while a manoeuvre is measured."""
 TICK_S = 0.01
 """Control period: in the timed runs an engine reports its state this often."""
 BLOCK_S = 0.25
@@ -31,7 +31,7 @@ BLOCK_S = 0.25
 COAST_S = 1.0
 """Time without motor torque between two measurements of the energy."""
 SLIDE_M_S, SLIDE_RAMP_S = 0.5, 1.0
-"""Speed from which the wheels are locked, and the time to reach it without slip."""
+"""Speed at which the wheels are locked, and the time to reach it without slip."""
 SLIDE_FRICTION = 0.2
 SLIDE_YAWS_DEG = 0.0, 22.5, 45.0
 
@@ -69,8 +69,8 @@ class PlanarInertia(NamedTuple):
 
         E = ½·m·v² + ½·J·ψ̇² + ½·I·Σω².
 
-    Rollers turn with their wheel, but not about their own axes, as where the robot rolls
-    straight on. Then no force does work, since the contact point has no velocity: E is constant.
+    Rollers turn with their wheel, but not about their own axes, as when the robot rolls straight
+    on. Then no force does work, since the contact point has no velocity, and E is constant.
     """
 
     mass: float
@@ -113,7 +113,7 @@ class Engine(ABC):
         self.robot = robot
         self.dt_s = dt_s
         self.spent_s = 0.0
-        """Processor time of its steps so far, without the bench around them [s]."""
+        """Processor time of the engine's steps so far, without the benchmark code [s]."""
 
     @abstractmethod
     def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
@@ -121,10 +121,10 @@ class Engine(ABC):
 
 
 class Accuracy(NamedTuple):
-    """How an engine moves the robot.
+    """The accuracy with which an engine moves the robot.
 
-    A gain is the measured motion over that of the ideal equations for the wheels' measured
-    rotation, over whole passages of rollers.
+    A gain is the measured motion divided by the motion of the ideal equations for the wheels'
+    measured rotation, over whole passages of rollers.
     """
 
     ripple: float
@@ -138,7 +138,7 @@ class Accuracy(NamedTuple):
 
 def measure_accuracy(engine: Engine) -> Accuracy:
     """Drive forward and coast, drive sideways and turn on the spot."""
-    # first, while the rollers of all wheels are at one phase, of which `yaw_gain` speaks
+    # first, while the rollers of all wheels are in the same phase, as `yaw_gain` assumes
     yaw, ideal_yaw, _ = _steady(engine, YAW)
     forward, ideal_forward, heights = _steady(engine, FORWARD)
     energy = _coast(engine)
@@ -153,7 +153,7 @@ def measure_accuracy(engine: Engine) -> Accuracy:
 
 
 def slippery(robot: Robot) -> Robot:
-    """Return the robot with rollers that slide easily, and turn without friction."""
+    """Return the robot with rollers that slide easily and have frictionless bearings."""
     rollers = msgspec.structs.replace(
         robot.rollers, contact_friction=SLIDE_FRICTION, bearing_friction_nms=0.0
     )
@@ -164,15 +164,15 @@ def measure_slide(engine: Engine) -> dict[float, float]:
     """Lock the wheels of a `slippery` robot at several yaw angles [deg].
 
     Returns:
-        How it slows down, over what it should by Coulomb's law, which is alike at every yaw.
+        The deceleration divided by that of Coulomb's law, which is the same at every yaw.
     """
     return {yaw_deg: _slide(engine, math.radians(yaw_deg)) for yaw_deg in SLIDE_YAWS_DEG}
 
 
 def measure_speed(engines: Sequence[Engine], blocks: int) -> list[list[float]]:
-    """Return for each engine the processor time of a step [s] in each block.
+    """Return the processor time of a step [s], by engine and block.
 
-    Blocks of all engines are interleaved, so that the load of others affects all alike.
+    Blocks of all engines are interleaved, so that the load of other processes affects all equally.
     """
     for engine in engines:
         _reach(engine, MIXED)
@@ -191,8 +191,8 @@ def measure_speed(engines: Sequence[Engine], blocks: int) -> list[list[float]]:
 def _coast(engine: Engine) -> float:
     """Return the relative gain of energy of a coasting robot in a second.
 
-    Speeds are means over the passage of a roller: otherwise a polygonal wheel would seem to
-    gain or lose with the corner that it stands on.
+    Speeds are means over the passage of a roller: otherwise the energy of a polygonal wheel would
+    seem to change with the corner that it stands on.
     """
     body = PlanarInertia.of(engine.robot)
     passage = 2.0 * math.pi / engine.robot.rollers.count
@@ -224,8 +224,9 @@ def _slide(engine: Engine, yaw: float) -> float:
 def _coulomb(robot: Robot, wheels: Sequence[float]) -> float:
     """Return the deceleration [m/s²] of a robot that slides straight on with locked wheels.
 
-    A roller resists with μN along its own axis alone. At the bottom that is at the roller angle γ
-    to the axle; where the wheel has turned by φ from there, tan γ' = tan γ·cos φ on the ground.
+    A roller resists with μN only along its own axis. At the bottom, this axis is at the roller
+    angle γ to the axle. After the wheel has turned by φ, the angle on the ground is tan γ' = tan
+    γ·cos φ.
     """
     pitch = math.tau / robot.rollers.count
     angles = [
@@ -236,9 +237,10 @@ def _coulomb(robot: Robot, wheels: Sequence[float]) -> float:
 
 
 def _steady(engine: Engine, direction: Sequence[float]) -> tuple[list[float], Twist2D, list[float]]:
-    """Drive steadily in a direction; return the displacement in x, y [m] and yaw [rad].
+    """Drive steadily in a direction; return the displacement, the ideal one, and heights.
 
-    With that by the ideal equations in the robot's axes, and the height at each step [m].
+    The displacement is in x, y [m] and yaw [rad]. The ideal displacement follows from the ideal
+    equations, in the robot's axes. Heights are those at each step [m].
     """
     _reach(engine, direction)
     robot = engine.robot

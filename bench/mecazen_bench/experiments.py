@@ -1,4 +1,4 @@
-"""Experiments: runs per minute, the gain of a second worker, and what Dask's scheduler costs."""
+"""Experiments: runs per minute, the gain of a second worker, and the cost of Dask's scheduler."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from mecazen_bench.harness import Figure, Goal, Group
 DURATION_S = 85.0
 WORKERS = 1, 2
 RUNS = 3
-"""Runs of each worker: with fewer, its start would dominate."""
+"""Number of runs per worker: with fewer, the start of the worker would dominate."""
 MEMORY_MB: Goal = (None, 400.0)
 EFFICIENCY: Goal = (0.9, None)
 NOTHINGS = 1000
-"""Jobs that do nothing, which take the time that the scheduler needs."""
+"""Number of empty jobs, which take only the time of the scheduler."""
 
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
-    """Run one case of Table II by one worker and by two, of this machine and of Dask."""
+    """Run one case of Table II with one and with two workers, of this machine and of Dask."""
     experiment = chosen(load_table(experiment_path("table2"), Experiment), ["case=back without"])
     seeds = range(1, 2 * RUNS * sum(WORKERS) + 1)
     (series,) = expand(experiment, seeds, (f"sim.duration_s={duration_s}",))
@@ -63,7 +63,7 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
 
 
 def _rate(jobs: Sequence[Job], workers: Workers) -> tuple[float, float]:
-    """Return runs a minute, and the largest peak of a worker's memory [MB]."""
+    """Return runs per minute, and the largest peak of a worker's memory [MB]."""
     with TemporaryDirectory() as folder, closing(Store(Path(folder) / "bench.sqlite")) as store:
         begin = time.perf_counter()
         records = run_all(FOLLOWING, jobs, store, workers)
@@ -79,12 +79,12 @@ def _overhead_ms(workers: Workers, jobs: Sequence[Job]) -> float:
 
 
 def _cluster(workers: int, stack: ExitStack) -> Workers:
-    """Start Dask's scheduler, and workers of a core each."""
+    """Start Dask's scheduler, and workers with one core each."""
     cluster = LocalCluster(  # type: ignore[no-untyped-call]
         n_workers=workers,
         threads_per_worker=1,
         host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",  # None is the one known port
+        dashboard_address="127.0.0.1:0",  # None would use a fixed port
     )
     stack.enter_context(cluster)
     return stack.enter_context(cluster_workers(cluster.scheduler_address))

@@ -25,7 +25,7 @@ MESH_RINGS, MESH_SEGMENTS = 10, 11
 
 
 class GazeboEngine(Engine):
-    """A robot in Gazebo's default engine, in a process of its own."""
+    """A robot in Gazebo's default engine, in a separate process."""
 
     def __init__(self, robot: Robot, dt_s: float, shape: Shape) -> None:
         super().__init__(f"Gazebo, {shape}", robot, dt_s)
@@ -44,7 +44,7 @@ class GazeboEngine(Engine):
                 stdout=subprocess.PIPE,
                 text=True,
             )
-            self.advance(None, 0)  # it has read the files when it answers
+            self.advance(None, 0)  # after its answer, the process has read the files
 
     def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
         assert self._process.stdin is not None

@@ -1,4 +1,4 @@
-"""Figures with their spread and goal; the rounds that measure them, their file and their tables."""
+"""Figures with their spread and goal, the rounds that measure them, their file and their tables."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from mecazen_tools import files
 from mecazen_tools.markdown import MarkdownTable, lines
 
 Goal = Literal["less", "more"] | float | tuple[float | None, float | None]
-"""Direction of improvement, the correct value, or the target: a range with one end at least."""
+"""Direction of improvement, the correct value, or the target: a range with at least one end."""
 
 SCHEMA = 3
-"""Raised when the meaning of older files changes."""
+"""Schema version, increased when the meaning of older files changes."""
 LIBRARIES = ("dartpy", "mujoco", "eclipse-zenoh", "msgspec", "numpy")
 LEAST = 0.001
-"""Relative change that is ignored: figures that are computed, not timed, have no spread but
-differ in their last digits between processors and library versions."""
+"""Relative change that is ignored: computed figures have no spread, unlike timed ones, but differ
+in their last digits between processors and library versions."""
 
 
 class ResultsError(MecazenError):
@@ -35,7 +35,7 @@ class ResultsError(MecazenError):
 
 
 class Figure(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A measured value; of several rounds, the median with the quartiles."""
+    """A measured value; for several rounds, the median with the quartiles."""
 
     value: float
     goal: Goal
@@ -57,7 +57,7 @@ class Figure(msgspec.Struct, frozen=True, omit_defaults=True):
         return high - low
 
     def worse_by(self, before: float) -> float:
-        """Return by how much the value is worse than an earlier one; below 0: better."""
+        """Return by how much the value is worse than an earlier value; negative if better."""
         match self.goal:
             case "less" | (None, _):
                 return self.value - before
@@ -121,10 +121,10 @@ def measure(
     rounds: int,
     report: Callable[[str], object],
 ) -> Results:
-    """Measure benchmarks in interleaved rounds: the load of other processes affects all alike.
+    """Measure benchmarks in interleaved rounds: the load of other processes affects all equally.
 
-    Ratios are computed within a round, so they are of runs side by side. `report` is called with
-    the name of what is measured next.
+    Ratios are computed within a round, so they compare neighbouring runs. `report` is called with
+    the name of the next measurement.
     """
     before = _load()
     found: dict[str, list[list[Group]]] = {name: [] for name in benchmarks}
@@ -189,7 +189,7 @@ def write(results: Results, path: Path) -> None:
 
 
 def read(path: Path) -> Results:
-    """Return what `write` has written."""
+    """Return the results that `write` has written."""
     try:
         found = msgspec.json.decode(path.read_bytes(), type=Results)
     except OSError as error:

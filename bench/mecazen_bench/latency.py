@@ -1,4 +1,4 @@
-"""Real time: from `cmd_vel` put by another process to the `joint_command` that follows."""
+"""Real-time latency from `cmd_vel` of another process to the `joint_command` that follows."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from mecazen_bench.stack import running, spin, spin_until
 
 PUTS = 500
 PAUSE_S = (0.003, 0.009)
-"""Least and longest time between two puts: any phase of the 10 ms tick."""
+"""Minimum and maximum time between two puts, which are at any phase of the 10 ms tick."""
 ANSWER_S = 1.0
-"""Time-out of an answer; the tick's own command repeats it within 10 ms."""
+"""Timeout of an answer; the next tick's command repeats the answer within 10 ms."""
 
 SPEED, SPEED_STEP = 0.05, 1e-5
-"""Speed of the first command, and between two [m/s]: within the controller's limits."""
+"""Speed of the first command, and step between commands [m/s]: within the controller's limits."""
 
 MEDIAN_MS: Goal = (None, 0.2)
 P99_MS: Goal = (None, 1.0)
 BUSY_P99_MS: Goal = (None, 5.0)
 
 BLIND = "sensor.also=[]"
-"""Without lidar and guard: the way to the controller alone."""
+"""Setting without lidar and guard: only the path to the controller is measured."""
 
 TOGETHER = 'processes=[["physics","controller","target"]]'
 
@@ -76,7 +76,7 @@ def run(puts: int = PUTS) -> list[Group]:
 
 
 def send_back(config: BusConfig) -> None:
-    """Send back what comes, until it is empty."""
+    """Send back each payload, until an empty one arrives."""
     ended = threading.Event()
     with open_session(config, "peer") as session:
         publisher = session.declare_publisher(BACK)
@@ -91,14 +91,14 @@ def send_back(config: BusConfig) -> None:
 
 
 def round_trips(config: BusConfig, puts: int) -> list[float | None]:
-    """Return how long bytes of a command take to come back from `send_back`, each time [s]."""
+    """Return the round-trip times of a payload to `send_back` [s]; None for a lost one."""
     pause, payload = random.Random(1), bytes(100)  # noqa: S311
     back: queue.SimpleQueue[float] = queue.SimpleQueue()
     times: list[float | None] = []
     with open_session(config, "peer") as session:
         session.declare_subscriber(BACK, direct(lambda _: back.put(time.perf_counter())))
         publisher = session.declare_publisher(THERE)
-        while not times or times[-1] is None:  # until they have found each other
+        while not times or times[-1] is None:  # until both processes have found each other
             times = [_round_trip(publisher, payload, back)]
         for _ in range(puts):
             time.sleep(pause.uniform(*PAUSE_S))
@@ -138,7 +138,7 @@ def drive(scenario: Scenario, puts: int) -> list[float | None]:
     """Return the time from put to answer of each command [s], or None without an answer."""
     pause = random.Random(1)  # noqa: S311
     with closing(ZenohBus(scenario.bus)) as bus:
-        answers: dict[int, float] = {}  # when the wheels first had the speed of each command
+        answers: dict[int, float] = {}  # times when the wheels reached each command
 
         def receive(joints: JointState, _: Stamp | None) -> None:
             rim = -joints.velocity[0] * scenario.robot.wheels.radius_m
@@ -169,7 +169,7 @@ def drive(scenario: Scenario, puts: int) -> list[float | None]:
 def figures(
     latencies: Sequence[float | None], median: Goal = MEDIAN_MS, p99: Goal = P99_MS
 ) -> dict[str, Figure]:
-    """Return the percentiles of what `drive` returns, with the goals of two."""
+    """Return the percentiles of the result of `drive`, with goals for median and p99."""
     answered = [latency * 1e3 for latency in latencies if latency is not None]
     half, most = np.percentile(answered, (50, 99)).tolist()
     return {

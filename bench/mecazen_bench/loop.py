@@ -30,14 +30,14 @@ GROUPS: dict[str, tuple[tuple[str, ...], ...]] = {
     "physics; all others": (("controller", "target", "follower"),),
     "physics, controller; target; follower": (("physics", "controller"),),
 }
-"""The services that share a process, by the name of the grouping; others have their own."""
+"""The services that share a process, by the name of the grouping; other services run separately."""
 BLOCKS, BLOCK_TICKS = 10, 100
 KINDS = ("pose", "body", "legs", "fused")
 
 REAL_TIMES: Goal = (25.0, None)
 OF_MUJOCO: Goal = (1.0, None)
 DISTRIBUTED: Goal = (0.35, None)
-"""Share of the speed of one process, with each service in its own."""
+"""Speed relative to one process, with each service in a separate process."""
 GROUPED: Goal = (0.6, None)
 SHARE: Goal = (None, 10.0)
 OF_POSE: Goal = (0.8, None)
@@ -46,16 +46,17 @@ UNBOUNDED = ("physics", "follower")
 ENDLESS = ("sim.duration_s=36000.0",)
 """No run ends within the measurement."""
 Way = tuple[Callable[[int], object], Callable[[], float]]
-"""A function that makes a number of ticks, and one that returns the processor time so far [s]."""
+"""A function that executes a number of ticks, and a function that returns the processor time so far
+[s]."""
 
 
 def run(blocks: int = BLOCKS, duration_s: float = DURATION_S) -> list[Group]:
-    """Run the scenario `back` in each way, and divide a tick into its parts."""
+    """Run the scenario `back` in one and several processes, and profile the nodes of a tick."""
     return [_ways(blocks), _parts("back", (f"sim.duration_s={duration_s}",))]
 
 
 def run_senses(duration_s: float = DURATION_S) -> list[Group]:
-    """Run the scenario `back` with each kind of sensor, and divide a tick of the costliest."""
+    """Run the scenario `back` with each kind of sensor, and profile a tick of the costliest."""
     settings = (f"sim.duration_s={duration_s}",)
     factors = {}
     for kind in KINDS:
@@ -74,13 +75,13 @@ def run_senses(duration_s: float = DURATION_S) -> list[Group]:
 
 
 def run_safety(duration_s: float = DURATION_S) -> list[Group]:
-    """Divide a tick of the scenario `crowd` beside the person, with guard and planner."""
+    """Profile a tick of the scenario `crowd` beside the person, with guard and planner."""
     settings = ("follower.view='side_left'", "follower.planner={}", f"sim.duration_s={duration_s}")
     return [_parts("crowd", settings, ", with planner")]
 
 
 def _ways(blocks: int) -> Group:
-    """Make blocks of ticks in one process and in several, in turns, and compare them."""
+    """Execute blocks of ticks in one process and in several, in turns, and compare them."""
     peer = peer_rtf()
     scenario = load_scenario(SCENARIOS / "back.toml", ENDLESS)
     wall_s: dict[str, list[float]] = {}
@@ -93,7 +94,7 @@ def _ways(blocks: int) -> Group:
             for name, (step, spent_so_far_s) in ways.items():
                 begin, before_s = time.perf_counter(), spent_so_far_s()
                 step(BLOCK_TICKS)
-                if block:  # the first one warms up
+                if block:  # the first block warms up
                     wall_s.setdefault(name, []).append(time.perf_counter() - begin)
                     spent.setdefault(name, []).append(spent_so_far_s() - before_s)
     rows = {}
@@ -146,7 +147,7 @@ def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
 
 
 def _parts(name: str, settings: tuple[str, ...], variant: str = "") -> Group:
-    """Divide a tick of a scenario into the steps of its nodes."""
+    """Measure the steps of each node in a tick of a scenario."""
     scenario = load_scenario(SCENARIOS / f"{name}.toml", settings)
     with ExitStack() as stack:
         spent = {
@@ -183,7 +184,7 @@ def _share(seconds: float, total_s: float, goal: Goal) -> dict[str, Figure]:
 
 @contextmanager
 def timed(owner: type, name: str) -> Iterator[list[float]]:
-    """Give the processor time of each call of a class's method [s]."""
+    """Record the processor time of each call of a class's method [s], within the context."""
     method = getattr(owner, name)
     took: list[float] = []
 

@@ -23,10 +23,10 @@ OPTIONS: Mapping[Settings, Mapping[str, str]] = {
     "elliptic": {"cone": "elliptic", "impratio": "10"},
     "elliptic, noslip": {"cone": "elliptic", "impratio": "10", "noslip_iterations": "3"},
 }
-"""MuJoCo's options beside its integrator: its own, and those that its documents advise for wheels
-that must not slip."""
+"""MuJoCo's options in addition to the integrator: its defaults, and those that its documentation
+advises against slip of wheels."""
 CONTACT_TIME_CONSTANT_STEPS = 2.0
-"""In steps; the shortest that MuJoCo allows: contacts as stiff as possible."""
+"""Time constant of contacts in steps; the shortest that MuJoCo allows, for maximum stiffness."""
 SERVO_GAIN = 10.0
 """Gain of the wheels' velocity actuators [N·m·s/rad], integrated implicitly."""
 MESH_RINGS, MESH_SEGMENTS = 33, 48
@@ -103,7 +103,7 @@ def _add_robot(world: ET.Element, robot: Robot, shape: Shape) -> None:
         ET.SubElement(body, "inertial", moments, pos=centre_of_mass, mass=str(link.mass))
         if link.parent != "base_link":
             joint.set("damping", str(robot.rollers.bearing_friction_nms))
-            # it collides with the ground only
+            # a roller collides only with the ground
             geom = ET.SubElement(body, "geom", type=shape, contype="0")
             if shape == "mesh":
                 geom.set("mesh", "roller")

@@ -1,4 +1,4 @@
-"""Cost per step, smoothness and gains of our physics, of its steps and hulls, and of others."""
+"""Cost per step, smoothness and gains of our physics at several steps and hulls, and of others."""
 
 from __future__ import annotations
 
@@ -36,25 +36,26 @@ from mecazen_bench.stack import robot
 ROBOTS = ("nexus", "artbul")
 STEPS_S = (0.001, MAX_DT_S)
 PEERS_STEP_S = 0.001
-"""Gazebo's default."""
+"""Step of other engines: Gazebo's default."""
 PEER = "MuJoCo, capsule"
 BLOCKS = 5
 ROLLERS: tuple[Literal["near", "all"], ...] = ("near", "all")
-"""Which rollers are bodies."""
+"""Options for the rollers that are bodies."""
 
 CONVERGENCE_S = (0.0005, 0.001, 0.002, 0.0025, 0.005)
 SPHERES = (11, 21, 41, 81, 101)
-"""In the hull of a roller, at steps of 1 ms."""
+"""Number of spheres in the hull of a roller, at steps of 1 ms."""
 
 OF_MUJOCO: dict[str, Goal] = {"nexus": (1.6, None), "artbul": (1.8, None)}
-"""Real-time factor at our largest step, of that of MuJoCo's capsules at 1 ms."""
+"""Goal of the real-time factor at our largest step, relative to that of MuJoCo's capsules at 1
+ms."""
 RIPPLE_PERCENT: Goal = (None, 0.1)
 GAIN: Goal = (0.99, 1.01)
 LATERAL: Goal = (0.965, 1.035)
 
 
 class DartEngine(Engine):
-    """Our physics, with or without the projection of positions; raises what `Simulation` raises."""
+    """Our physics, with or without the projection of positions; raises as `Simulation`."""
 
     def __init__(
         self, robot: Robot, dt_s: float, rollers: Literal["near", "all"], *, projects: bool = True
@@ -91,13 +92,13 @@ class DartEngine(Engine):
 
 
 def run() -> list[Group]:
-    """Measure our physics: each robot at each step."""
+    """Measure our physics for each robot at each step."""
     cases = product(map(robot, ROBOTS), STEPS_S, ROLLERS)
     return [measure("Physics", [DartEngine(*case) for case in cases])]
 
 
 def run_peers() -> list[Group]:
-    """Measure our physics beside all other engines that are installed."""
+    """Measure our physics and all other installed engines."""
     robots = [robot(name) for name in ROBOTS]
     with peers([slippery(mecanum) for mecanum in robots]) as (engines, _):
         slides = [measure_slide(engine) for engine in engines]
@@ -132,7 +133,7 @@ def run_steps() -> list[Group]:
 
 @contextmanager
 def peers(robots: Sequence[Robot]) -> Iterator[tuple[list[Engine], list[str]]]:
-    """Yield every engine with each robot, and a line on each engine that is missing."""
+    """Yield every engine with each robot, and a line on each missing engine."""
     missing = []
     if not (mujoco := importlib.util.find_spec("mujoco") is not None):
         missing.append("without MuJoCo, which is not installed")
@@ -156,7 +157,7 @@ def peers(robots: Sequence[Robot]) -> Iterator[tuple[list[Engine], list[str]]]:
 
 
 def peer_rtf() -> float | None:
-    """Return the real-time factor of MuJoCo's capsules at 1 ms; None where it is not installed."""
+    """Return the real-time factor of MuJoCo's capsules at 1 ms; None if MuJoCo is not installed."""
     if importlib.util.find_spec("mujoco") is None:
         return None
     from mecazen_bench.mujoco_peer import MujocoEngine  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Real time: start and schedule under `mecazen up`; processor time and memory, also of a viewer."""
+"""Real time: start and schedule under `mecazen up`, processor time and memory, also of a viewer."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from mecazen_bench.stack import SCENARIOS, START_S, Usage, running, spin, spin_u
 WARM_S = 2.0
 WINDOW_S = 5.0
 VIEWER_WINDOW_S = 6.0
-"""Duration of the viewer's measurement; a quarter of it before that warms up."""
+"""Duration of the viewer's measurement; the warm-up before it takes a quarter of this time."""
 
 FIRST_ODOM_S: Goal = (None, 0.6)
 JITTER_MS: Goal = (None, 1.0)
@@ -42,11 +42,11 @@ VIEWER_MEMORY_MB: Goal = (None, 300.0)
 
 
 def _receive(scenario: Scenario, seconds: float) -> tuple[float, list[float]]:
-    """Return when simulated time began [s], and how late each tick in the next `seconds` is [ms].
+    """Return the begin of simulated time [s], and the delays of ticks in `seconds` [ms].
 
-    In a process with the services' priority, by the monotonic clock. Ticks are late relative to
-    the median tick: a constant delay does not count. The begin is computed from the stamp of any
-    odometry.
+    Times are those of the monotonic clock, in a process with the services' priority. Delays are
+    relative to the median tick: a constant delay does not count. The begin is computed from the
+    stamps of odometry.
     """
     odoms: list[float] = []
     ticks: list[float] = []
@@ -72,7 +72,7 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
     settings = private_router()
     scenario = load_scenario(SCENARIOS / "back.toml", settings)
     with ProcessPoolExecutor(1, get_context("spawn"), set_priority) as receiver:
-        receiver.submit(os.getpid).result()  # its own start takes no time from the other's
+        receiver.submit(os.getpid).result()  # exclude the receiver's start
         begin = time.monotonic()
         with _up(settings) as up:
             first_odom_s, _ = receiver.submit(_receive, scenario, WARM_S).result()

@@ -1,4 +1,4 @@
-"""The recorder: its writing speed, and what it takes beside a simulation."""
+"""The recorder: its writing speed, and its processor time during a simulation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ENCODINGS: tuple[Encoding, ...] = ("cdr", "json")
 
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
-    """Write the messages of a run again, within this process and by the recorder's process."""
+    """Write the messages of a run again, in this process and in the recorder's process."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / "run.mcap"
         settings = (
@@ -88,6 +88,6 @@ def _receive(recording: Recording, encoding: Encoding) -> dict[str, Figure]:
 
 
 def _count(recording: Recording) -> int:
-    # the recorder's own diagnostics are in the one file only
+    # only one file contains the recorder's own diagnostics
     own = keys.diagnostics("recorder").key
     return sum(sample.key != own for sample in recording.samples())

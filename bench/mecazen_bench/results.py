@@ -1,10 +1,10 @@
-"""Result files of stages, and the tables and figures that documents show of them.
+"""Result files of stages, and their tables and figures in documents.
 
 A stage of results/stages.toml is a command of `mecazen` that writes JSON. Its result file is
-results/STAGE.json. A document shows its tables between `<!-- results: STAGE -->` and
-`<!-- /results -->`, or the one of a title: `<!-- results: STAGE TITLE -->`. With `csv` in place of
-`results` it links to files in docs/tables. Tables and pictures of other origin have a line
-`<!-- by hand: REASON -->` before them.
+results/STAGE.json. A document shows the stage's tables between `<!-- results: STAGE -->` and `<!--
+/results -->`, or the table with a title: `<!-- results: STAGE TITLE -->`. With `csv` instead of
+`results` the document links to files in docs/tables. Tables and pictures of other origin have a
+line `<!-- by hand: REASON -->` before them.
 """
 
 from __future__ import annotations
@@ -38,9 +38,10 @@ from mecazen_bench.harness import ResultsError, machine
 
 ROOT = Path(__file__).parents[2]
 TABLES = "docs/tables"
-"""The folder of the tables that documents link to; it has no other files."""
+"""The folder of the tables that documents link to; it contains no other files."""
 INPUTS = {".py", ".toml", ".cpp", ".csv"}
-"""Files below an input of a stage that its result depends on; pyproject.toml is none of them."""
+"""Suffixes of files below an input of a stage that its result depends on; pyproject.toml is
+excluded."""
 BLOCK = re.compile(
     r"(?P<begin><!-- (?P<form>results|csv): (?P<stage>\S+)(?: (?P<title>[^\n]+))? -->\n)"
     r"(?P<shown>.*?)(?P<end><!-- /(?P=form) -->)",
@@ -54,13 +55,13 @@ PICTURE = re.compile(r"!\[[^\]]*\]\(([^)]+)\)")
 
 
 class Stage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A command whose result documents show."""
+    """A command whose result is shown in documents."""
 
     command: str
-    """The words after `mecazen`; it has the option --json, and --figures if there are figures.
-    $NAME stands for a variable of the environment."""
+    """The words after `mecazen`. The command has the option --json, and --figures if there are
+    figures. $NAME is a variable of the environment."""
     inputs: tuple[str, ...]
-    """Files and folders that the result depends on; a project stands for all that it needs."""
+    """Files and folders that the result depends on; a project includes its dependencies."""
     figures: tuple[str, ...] = ()
 
 
@@ -76,12 +77,12 @@ class Result(msgspec.Struct, frozen=True):
     inputs: str
     """The hash of the stage's inputs; empty if they are not known."""
     figures: dict[str, str]
-    """Files that were drawn, and the hash of each."""
+    """Drawn files, and their hashes."""
     tables: tuple[MarkdownTable, ...]
 
     @property
     def origin(self) -> str:
-        """Where its tables come from."""
+        """The origin of the tables, as text."""
         seeds = f", {_ranges(self.seeds)}" if self.seeds else ""
         return f"Commit {self.commit} of version {self.version}, {self.date}{seeds}: {self.machine}"
 
@@ -133,7 +134,7 @@ def inputs_sha256(stage: Stage, root: Path) -> str:
 
 @cache  # stages share most of their inputs
 def _code(text: str) -> str:
-    """Return Python without docstrings, comments and blank lines, which change no result."""
+    """Return Python code without docstrings, comments and blank lines: they change no result."""
     lines = text.splitlines()
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
@@ -154,9 +155,9 @@ def run(
 
     Args:
         root: The folder of the project.
-        only: Names of the stages; all if there are none.
-        options: For commands of `mecazen experiment`, by their name.
-        report: Called with what happens to each stage.
+        only: Names of the stages; all stages if empty.
+        options: Options for commands of `mecazen experiment`, by name.
+        report: Called with a line on the progress of each stage.
     """
     known = stages(root)
     if unknown := sorted(set(only) - set(known)):
@@ -215,7 +216,7 @@ def _run(root: Path, name: str, stage: Stage, inputs: str, options: Mapping[str,
 
 
 def _seeds(measured: Mapping[str, Any]) -> list[int]:
-    """Return the seeds of an experiment's runs, which are taken out of its rows."""
+    """Return the seeds of an experiment's runs, and remove the runs from its rows."""
     runs = [run for row in measured.get("rows", ()) for run in row.pop("runs", ())]
     return sorted({run["record"]["key"]["seed"] for run in runs})
 
@@ -251,7 +252,7 @@ def documents(root: Path) -> list[Path]:
 
 
 def updated(text: str, root: Path) -> str:
-    """Return a document with the tables of the result files; others stay as they are."""
+    """Return a document with the tables of the result files; other tables are kept."""
 
     def block(found: re.Match[str]) -> str:
         result = find(found["stage"], root)
@@ -295,7 +296,7 @@ def _file_name(stage: str, table: MarkdownTable) -> str:
 
 
 def problems(root: Path) -> Iterator[str]:
-    """Yield each table and picture of the documents that is not what its origin says."""
+    """Yield each table and picture of the documents that does not match its origin."""
     known, shown = stages(root), set()
     for path in documents(root):
         text, name = path.read_text(), path.relative_to(root)
@@ -355,7 +356,7 @@ def _sha256(path: Path) -> str:
 
 
 def _commit(stage: Stage, root: Path) -> str:
-    """Return the present commit; with a + if an input of the stage has changed since."""
+    """Return the present commit, with a + if an input of the stage has uncommitted changes."""
 
     def git(*words: str) -> str:
         called = ["git", *words]

@@ -1,4 +1,4 @@
-"""Several robots in one world: processor time of each in a tick, apart and in contact."""
+"""Several robots in one world: processor time per robot and tick, apart and in contact."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from mecazen_bench.stack import robot
 COUNTS = (1, 2, 4, 8, 64)
 APART_M = 3.0
 CROWD, CROWD_M, CROWD_DT_S = 16, 4.0, 0.0025
-"""So many robots in a square of this side, with this step."""
+"""Number of robots in the crowd, side of their square [m], and physics step [s]."""
 CROWD_RAD_S = 15.0
-"""Highest speed of their wheels."""
+"""Maximum speed of the wheels in the crowd."""
 TICK_S = 0.01
 WARM_UP_TICKS = 50
 REVERSAL_TICKS = 5
-"""In which the wheels change direction: not counted."""
+"""Number of ticks in which the wheels change direction, which are not measured."""
 BLOCK_TICKS = 50
 BLOCKS = 5
 MOTIONS = (
@@ -42,7 +42,8 @@ LINEAR: Goal = (None, 1.1)
 REAL_TIME: Goal = (1.0, None)
 
 Commands = Iterator[list[WheelCommand]]
-"""Commands of all robots: to warm up, and of the reversal and the measured part of each block."""
+"""Commands of all robots: for the warm-up, and for the reversal and the measured part of each
+block."""
 
 
 def _apart(count: int) -> Iterator[float]:
@@ -59,7 +60,7 @@ def _head_on() -> Iterator[float]:
 
 
 def _crowd() -> Iterator[float]:
-    """Measure robots on a grid, which drive anywhere: they come close to each other, and push."""
+    """Measure robots on a grid that drive at random, come close to each other, and push."""
     random = Random(1)  # noqa: S311 - not for secrets
     row = math.isqrt(CROWD)
     places = [(number + 0.5) * CROWD_M / row for number in range(row)]
@@ -75,7 +76,7 @@ def _crowd() -> Iterator[float]:
 def _spent_s(
     starts: Sequence[Pose2D], commands: Commands, dt_s: float = MAX_DT_S
 ) -> Iterator[float]:
-    """Yield the processor time of one robot's tick, a mean for each block [s]."""
+    """Yield the mean processor time of one robot's tick in each block [s]."""
     nexus = robot("nexus")
     world = Simulation([(nexus, start) for start in starts], PhysicsConfig(dt_s=dt_s))
 
@@ -93,7 +94,7 @@ def _spent_s(
 
 
 def run(blocks: int = BLOCKS) -> list[Group]:
-    """Measure robots apart, two that push each other, and a crowd."""
+    """Measure robots apart, two robots that push each other, and a crowd."""
     cases = {f"{count} apart": (count, _apart(count)) for count in COUNTS}
     cases["2 head on"] = 2, _head_on()
     cases[f"{CROWD} in a crowd"] = CROWD, _crowd()

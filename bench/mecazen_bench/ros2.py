@@ -1,4 +1,4 @@
-"""ROS 2 beside the plain keys: what it adds to a tick."""
+"""The cost of ROS 2 in a tick, in addition to the plain keys."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from mecazen_bench.stack import Stack, paused, running, spent_s, spin
 
 SERVICES = ("physics", "controller", "target", "follower")
 LOCKSTEP = 'sim.mode="lockstep"', "sim.duration_s=36000.0"
-"""No run ends within the measurement."""
+"""Settings with which no run ends within the measurement."""
 OF_ROBOT = ("odom", "ground_truth/odom", "joint_states")
 OF_NO_ROBOT = ("clock", "tf")
-"""Topics of five subscribers in ROS: a sample comes every tick, of the frames less often."""
+"""Topics of five subscribers in ROS: samples come in every tick, frames (tf) less often."""
 WITHOUT, NONE, FIVE = "without ROS 2", "0 subscribers", "5 subscribers"
 WINDOWS, WINDOW_S = 5, 1.0
 SETTLED_S = 0.3
-"""After it both sides know who subscribes."""
+"""Time after which both sides know all subscribers."""
 UNHEARD_PERCENT: Goal = (None, 2.0)
 
 
 def run(windows: int = WINDOWS, window_s: float = WINDOW_S) -> list[Group]:
-    """Measure the processor time of a tick, in turns without ROS, unheard and with subscribers."""
+    """Measure the processor time of a tick, in turns without ROS, with 0 and 5 subscribers."""
     spent: dict[str, list[float]] = {name: [] for name in (WITHOUT, NONE, FIVE)}
     with ExitStack() as exits:
         stacks = {}
@@ -61,11 +61,11 @@ def run(windows: int = WINDOWS, window_s: float = WINDOW_S) -> list[Group]:
 
 
 def _listening(scenario: Scenario, *, subscribes: bool) -> Any:
-    """Return a session that receives five topics of ROS, or none."""
+    """Return a session that receives five topics of ROS, or no topics."""
     session = open_session(of_ros(scenario.bus), "client")
     names = [*OF_NO_ROBOT, *(join_key(name, scenario.bus.namespace or "") for name in OF_ROBOT)]
     for name in names if subscribes else ():
-        # of a topic's key only the type and its hash come after the name
+        # in a topic's key only the type and its hash follow the name
         session.declare_subscriber(f"{scenario.bus.ros_domain_id}/{name}/*/*", lambda _: None)
     return session
 

@@ -1,4 +1,4 @@
-"""A scenario's services as processes, and what they take of the machine."""
+"""A scenario's services as processes, and their use of processor and memory."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mecazen_bench.harness import Figure, Goal, Rows
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
 CPU = "% of a core"
 START_S = 90.0
-"""Far beyond what any process takes to start."""
+"""Timeout of a start, far longer than any process needs."""
 
 
 def robot(name: str) -> Robot:
@@ -35,13 +35,13 @@ def robot(name: str) -> Robot:
 
 
 class Stack(NamedTuple):
-    """A scenario whose services run."""
+    """A scenario with running services."""
 
     scenario: Scenario
     supervisor: Supervisor
 
     def processes(self) -> dict[str, psutil.Process]:
-        """Return all its processes, the router's included, by name."""
+        """Return all processes, including the router, by name."""
         return {name: psutil.Process(pid) for name, pid in self.supervisor.pids.items()}
 
 
@@ -69,7 +69,7 @@ def running(
 
 @contextmanager
 def paused(stack: Stack) -> Iterator[ZenohBus]:
-    """Pause a stack once all its services are ready, and give a bus on which to continue it."""
+    """Pause a stack once all its services are ready, and yield a bus on which to resume it."""
     ready = {join_key(f"{service}/ready", robot) for service, robot in stack.scenario.parts}
     with closing(ZenohBus(stack.scenario.bus, "client")) as bus:
         spin_until(bus, lambda: bus.alive() >= ready, "the services do not start")
@@ -78,14 +78,14 @@ def paused(stack: Stack) -> Iterator[ZenohBus]:
 
 
 def spin(bus: Bus, seconds: float) -> None:
-    """Deliver what arrives for some time."""
+    """Deliver incoming messages for some time."""
     end = time.perf_counter() + seconds
     while (left_s := end - time.perf_counter()) > 0.0:
         bus.spin_once(left_s)
 
 
 def spin_until(bus: Bus, condition: Callable[[], object], failure: str) -> None:
-    """Deliver what arrives until a condition holds."""
+    """Deliver incoming messages until a condition holds."""
     end = time.perf_counter() + START_S
     while not condition():
         if time.perf_counter() > end:
@@ -94,7 +94,7 @@ def spin_until(bus: Bus, condition: Callable[[], object], failure: str) -> None:
 
 
 class Usage:
-    """Processor time of processes from its creation on, and their memory."""
+    """Processor time of processes since the creation of this object, and their memory."""
 
     def __init__(self, processes: Mapping[str, psutil.Process]) -> None:
         self._processes = processes
@@ -102,7 +102,7 @@ class Usage:
         self._before = {name: spent_s(process) for name, process in processes.items()}
 
     def core_percent(self) -> dict[str, float]:
-        """Return how much of a core each process has taken so far [%]."""
+        """Return the share of a core that each process has used so far [%]."""
         elapsed = time.perf_counter() - self._begin_s
         return {
             name: 100.0 * (spent_s(process) - self._before[name]) / elapsed
@@ -110,13 +110,13 @@ class Usage:
         }
 
     def memory_mb(self) -> dict[str, float]:
-        """Return the memory of each process [MB]; what several share is divided among them."""
+        """Return the memory of each process [MB]; shared memory is divided among the processes."""
         return {
             name: process.memory_full_info().pss / 1e6 for name, process in self._processes.items()
         }
 
     def rows(self, cpu: Goal, memory: Goal, total: Goal | None = None) -> Rows:
-        """Return both for each process, and for all with goals of their sums; `total` in MB."""
+        """Return time and memory per process, and their sums with goals; `total` in MB."""
         taken, used = self.core_percent(), self.memory_mb()
         rows = {
             name: {CPU: Figure(taken[name], "less"), "MB": Figure(mb, memory)}
@@ -129,5 +129,5 @@ class Usage:
 
 
 def spent_s(process: psutil.Process) -> float:
-    """Return the processor time that a process has taken [s]."""
+    """Return the processor time that a process has used [s]."""
     return clock_gettime(~process.pid << 3 | 2)  # the clock of clock_getcpuclockid

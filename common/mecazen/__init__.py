@@ -7,7 +7,7 @@ __all__ = ["Simulation"]
 
 
 def __getattr__(name: str) -> Any:
-    """Return `Simulation`, which the project of the tools has: a node needs none of it."""
+    """Import `Simulation` from mecazen_tools when it is used, since nodes do not need it."""
     if name != "Simulation":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return import_module("mecazen_tools.simulation").Simulation

@@ -1,6 +1,6 @@
 """Packages that show the nodes of a process to another system, such as ROS 2.
 
-They plug themselves in by the entry points of the group `mecazen.bridges`.
+They register by entry points of the group `mecazen.bridges`.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ class Side(Protocol):
     def show(
         self, name: str, robot: str, bus: ZenohBus, put: Put, scenario: Scenario, graph: Graph
     ) -> None:
-        """Show a service: what it publishes, takes and answers.
+        """Show a service: its outputs, its inputs and the queries that it answers.
 
         Args:
-            name: The service.
-            robot: Its robot, if there are several and it belongs to one.
-            bus: The bus of its process.
+            name: Name of the service.
+            robot: Name of the service's robot, if there are several robots.
+            bus: The bus of the service's process.
             put: Publishes a message without a stamp, in this process and elsewhere.
-            scenario: As its robot sees it.
+            scenario: The scenario as the service's robot sees it.
             graph: The nodes of the scenario.
         """
 
@@ -50,28 +50,28 @@ class Side(Protocol):
 
 
 class Bridge(Protocol):
-    """A module that shows nodes; lists are key expressions of the other system."""
+    """A module that shows nodes; returned lists hold key expressions of the other system."""
 
     def open_side(self, config: BusConfig, name: str) -> Side:
-        """Join the other system, with the certificate of a service."""
+        """Join the other system, with the certificate of the service `name`."""
 
     def given(self, row: Row, topic: Topic[Any]) -> list[str]:
-        """Return the keys that show an output of a node."""
+        """Return the keys on which the other system receives an output of a node."""
 
     def taken(self, topic: Topic[Any], robot: str = "", namespace: str | None = None) -> list[str]:
-        """Return the keys on which a topic is taken; in any namespace where none is given."""
+        """Return the keys on which a topic is received; in any namespace if none is given."""
 
     def asked(self, calls: Collection[Call[Any, Any]]) -> list[str]:
-        """Return the keys that make one of some queries."""
+        """Return the keys on which any of the given queries can be made."""
 
     def latched(self, call: Call[Any, Any]) -> list[str]:
         """Return the keys on which an answer to a query is published for late subscribers."""
 
     def tokens(self, service: str = "") -> str:
-        """Return the liveliness tokens of a service; of all where none is named."""
+        """Return the liveliness tokens of a service; of all services if no name is given."""
 
     def files(self, root: Path) -> Iterator[tuple[Path, str]]:
-        """Yield the files that are made from the graph, and their content."""
+        """Yield the path and the content of each file that is generated from the graph."""
 
 
 @cache
@@ -94,5 +94,5 @@ def bridge_of(config: BusConfig) -> Bridge | None:
 
 
 def is_bridged(key: str) -> bool:
-    """Return whether a key is of a bridge: only those have `::` in them."""
+    """Return whether a key belongs to a bridge: only such keys contain `::`."""
     return "::" in key

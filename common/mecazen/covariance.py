@@ -10,7 +10,7 @@ PlanarCovariance = tuple[tuple[float, ...], ...]
 """3x3 over x [m], y [m] and yaw [rad], row by row."""
 
 planar_entries = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
-"""Takes the entries of x, y and yaw from a row-major 6x6; others may say "unknown" by 1e99."""
+"""Takes the entries of x, y and yaw from a row-major 6x6; the others may be 1e99: "unknown"."""
 
 
 def planar_covariance(covariance: tuple[float, ...]) -> PlanarCovariance:
@@ -26,7 +26,7 @@ def planar_covariance(covariance: tuple[float, ...]) -> PlanarCovariance:
 
 
 def ros_covariance(planar: PlanarCovariance) -> tuple[float, ...]:
-    """Return ROS's row-major 6x6 of a 3x3 over (x, y, yaw); 0 where nothing is known."""
+    """Return ROS's row-major 6x6 of a 3x3 over (x, y, yaw); other entries are 0."""
     (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = planar
     zeros = 0.0, 0.0, 0.0
     return (xx, xy, *zeros, xw, yx, yy, *zeros, yw, *6 * zeros, wx, wy, *zeros, ww)

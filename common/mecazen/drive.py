@@ -1,6 +1,6 @@
 """How the robot can move: the limits of wheels and controller, and its twist one tick later.
 
-The only model of it, for one twist; `drive_batch` has the same for arrays of twists.
+This is the only model of that motion, for one twist; `drive_batch` has it for arrays of twists.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
 from mecazen.geometry import Twist2D
 
 ROUNDING = 1e-9
-"""Relative excess of a limit that is taken for rounding when a reference is met."""
+"""Relative excess over a limit that counts as rounding when an axis reaches its reference."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one axis, per second, per second², per second³; infinite where there is none.
+    """Limits of one axis [m or rad per s, s² and s³]; infinite: no limit.
 
     Acceleration is a growing speed, deceleration a falling one, in either direction.
     """
@@ -32,7 +32,7 @@ class Limits:
     jerk: float = math.inf
 
     def reach(self, velocity: float, dt: float) -> tuple[float, float]:
-        """Return the lowest and the highest velocity after `dt` [s], but for the jerk limit."""
+        """Return the lowest and the highest velocity after `dt` [s], without the jerk limit."""
         up, down = self.acceleration * dt, self.deceleration * dt
         low = velocity - up if velocity <= 0.0 else -_turned(-velocity, up, down)
         high = velocity + up if velocity >= 0.0 else _turned(velocity, up, down)
@@ -40,12 +40,12 @@ class Limits:
 
 
 def _turned(velocity: float, up: float, down: float) -> float:
-    """Return a velocity below 0 after it falls by `down`, or turns around and then grows by `up`.
+    """Return the highest velocity that an axis reaches from a velocity below 0, also past rest.
 
     Args:
-        velocity: Where it begins.
-        up: The change in the time from one to the other if all of it is above 0.
-        down: The same if all of it is below 0.
+        velocity: The velocity at the start, below 0.
+        up: The change of velocity in the whole time at the limit of acceleration.
+        down: The same at the limit of deceleration.
     """
     left = 1.0 + velocity / down
     return left * up if left > 0.0 and up != down else velocity + down
@@ -64,8 +64,8 @@ def axis_limits(limits: AxisLimits) -> tuple[Limits, Limits, Limits]:
 class Drive(NamedTuple):
     """The twists (vx, vy, ω) that wheels and controller can follow.
 
-    The wheels can where |vx| + sideways·|vy| + lever·|ω| <= rim_speed: no rim is faster than that.
-    Without arguments nothing is limited.
+    The wheels can follow a twist if |vx| + sideways·|vy| + lever·|ω| <= rim_speed: the left side is
+    the speed of the fastest rim. Without arguments nothing is limited.
     """
 
     rim_speed: float = math.inf
@@ -104,8 +104,9 @@ class Drive(NamedTuple):
     def limited(self, state: Motion, wanted: Twist2D, dt: float) -> Motion:
         """Return the motion `dt` [s] after `state`, on the way to `wanted`: see `limit`.
 
-        The wheels slow down what is wanted, so its direction stays. They also slow down what is
-        reached, and the next tick begins with that: a robot at its limit brakes at once.
+        `wanted` is slowed down to the limit of the wheels, so its direction is kept. The reached
+        twist is also slowed down, and the next tick begins with it, so that a robot at its limit
+        brakes at once.
         """
         if self.rims(wanted) > self.rim_speed:
             goal = (
@@ -126,7 +127,7 @@ class Drive(NamedTuple):
         )
 
     def step(self, twist: Twist2D, wanted: Twist2D, max_speed: float, dt: float) -> Twist2D:
-        """Return the twist `dt` [s] after `twist`, on the way to `wanted`, but for the jerk limit.
+        """Return the twist `dt` [s] after `twist`, on the way to `wanted`, without the jerk limit.
 
         The axes keep their limits, then the wheels slow the robot down, and `max_speed` [m/s]
         limits the planar speed.
@@ -151,18 +152,18 @@ class LimiterState(NamedTuple):
 def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> LimiterState:
     """Return the state one tick of `dt` [s] after `state`, on the way to `reference`.
 
-    It approaches the reference as fast as the limits allow, meets it exactly without
-    overshoot and then holds it. Only a reference that moves while the axis accelerates can
-    be passed, by what the jerk limit makes unavoidable. Limits hold for differences over a
-    tick: of velocity for acceleration, of acceleration for jerk.
+    The axis approaches the reference as fast as the limits allow, meets it exactly without
+    overshoot and then holds it. The axis can pass the reference only if the reference moves while
+    the axis accelerates, by an amount that the jerk limit makes unavoidable. Limits hold for
+    differences over a tick: of velocity for acceleration, of acceleration for jerk.
 
-    The argument: with steps of jerk q = jerk * dt, an acceleration a > 0 let off in the
-    steps a, a - q, a - 2q, ... still adds S(a) = dt * (a + (a - q) + ...) to the velocity.
+    Reason: an acceleration a > 0 that falls to 0 in steps of q = jerk * dt (a, a - q, a - 2q, ...)
+    still adds S(a) = dt * (a + (a - q) + ...) to the velocity.
     The limiter takes the largest a with S(a) at most the missing velocity. Then a - q satisfies
     the same condition in the next tick, so every plan can be completed.
 
-    Where acceleration and deceleration have different limits, a reversal goes through a
-    tick at rest: the limit changes there, and the way to rest never needs the other one.
+    If the limits of acceleration and deceleration differ, a reversal includes a tick at rest. The
+    limit changes at that tick, so the way to rest never uses the limit of acceleration.
     """
     velocity, acceleration = state
     aim = min(max(reference, -limits.velocity), limits.velocity)
@@ -175,7 +176,7 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
     step = limits.jerk * dt
     missing = aim - velocity
 
-    # In one tick, if the acceleration that this takes can be let off in the next.
+    # Reach the aim in one tick, if the needed acceleration can fall to 0 in the next tick.
     needed = missing / dt
     slack = 1.0 + ROUNDING
     if (

@@ -13,24 +13,24 @@ import numpy.typing as npt
 from mecazen.drive import Drive
 
 Array = npt.NDArray[Any]
-"""In double precision for few, in single precision for many."""
+"""Double precision for few twists, single precision for many."""
 
 UNLIMITED = 1e9
-"""Speed of a rim and acceleration of an axis that have no limit [m/s, m/s², rad/s²]."""
+"""Value for the speed of a rim or the acceleration of an axis without a limit."""
 
 
 def bounds(twist: Array, up: Array, down: Array) -> tuple[Array, Array]:
     """Return the lowest and highest twists that the axes reach: `Limits.reach` without `velocity`.
 
     Args:
-        twist: Where they begin.
-        up: The change of each axis while its speed grows.
+        twist: The twists at the start.
+        up: The change of each axis over the step while its speed grows.
         down: The same while its speed falls.
     """
     if up is down:
         return twist - up, twist + up
     size = np.abs(twist)
-    left = 1.0 - size / down  # of the time, once the axis is at rest and turns around
+    left = 1.0 - size / down  # share of the time left after rest
     turned = np.where((left > 0.0) & (up != down), left * up, down - size)
     low = np.where(twist > 0.0, -turned, twist - up)
     high = np.where(twist < 0.0, turned, twist + up)
@@ -41,7 +41,7 @@ def slow_down(twist: Array, gains: Array, rim_speed: float) -> None:
     """Slow down all axes alike, in place, until no rim is above `rim_speed`: `Drive.slowed`.
 
     Args:
-        twist: As the axes reach it.
+        twist: The twists that the axes reach.
         gains: Speed of a rim per speed of each axis.
         rim_speed: At most `UNLIMITED` [m/s].
     """
@@ -52,7 +52,7 @@ def slow_down(twist: Array, gains: Array, rim_speed: float) -> None:
 class MotionLimits:
     """Motion limits of `n` robots in steps of `dt` [s]: `Drive.step` for arrays.
 
-    Limits are as wide as the twists (3, n), for NumPy takes a tenth of a plan to broadcast them.
+    Limits have the shape (3, n) of the twists: broadcasting would take a tenth of a plan's time.
     """
 
     def __init__(
@@ -91,9 +91,9 @@ class MotionLimits:
         return reached
 
     def mean(self, twist: Array, reached: Array) -> Array:
-        """Return the mean twist (3, n) of a step: each axis changes as fast as it can, then stays.
+        """Return the mean twist (3, n) of a step: each axis changes at its limit, then stays.
 
-        A change Δ takes the time Δ/a, in which half of it is missing: Δ²/(2a) in all.
+        A change Δ takes the time Δ/a, in which half of Δ is missing on average: Δ²/(2a) in total.
         """
         change = reached - twist
         twice = self._twice_up

@@ -11,7 +11,7 @@ class MecazenError(Exception):
 
 
 class ConfigError(MecazenError):
-    """A configuration that can't be used: file, key and what is allowed."""
+    """A configuration that can't be used; the message names file, key and allowed values."""
 
     exit_code = 2
 
@@ -33,11 +33,11 @@ class StepTimeoutError(MecazenError):
 
 
 class NodeError(MecazenError):
-    """A node of one's own failed: which, in what, and where in its code."""
+    """A user node failed; the message names the node, the failed call and the place in its code."""
 
 
 def explained(error: Exception) -> str:
-    """Return in one line what went wrong in user code, and where in it."""
+    """Return in one line an error of user code and its place in that code."""
     frames = [f for f in extract_tb(error.__traceback__) if not _is_ours(f.filename)]
     where = " > ".join(f"{Path(f.filename).name}:{f.lineno} {f.name}" for f in frames)
     return " ".join(f"{type(error).__name__}: {error} ({where})".split())

@@ -17,19 +17,19 @@ from mecazen.robot import Robot
 from mecazen.schema import Folder, Section
 
 NameSource = Callable[[str, str, bool], str]
-"""Says where the value of a key comes from, given the problem and whether it is that of a table."""
+"""Returns the origin of a key's value, given the problem and whether it concerns a whole table."""
 
 
 def explain(
     error: msgspec.ValidationError, raw: Any, kind: type[Section], prefix: str, source: NameSource
 ) -> str:
-    """Turn msgspec's message into one line with file, key and what is allowed."""
+    """Turn msgspec's message into one line with file, key and allowed values."""
     problem, _, where = str(error).rpartition(" - at `$")
     if not problem:
         problem, where = where, ""
     steps = re.findall(r"\.?([A-Za-z0-9_-]+)|\[(\d+|\.\.\.)\]", where.rstrip("`"))
     node, value, trail = _descend(mi.type_info(kind), raw, [name or step for name, step in steps])
-    # a struct's own checks and those of paths say what is wrong in words of their own
+    # the messages of a struct's own checks and of checks of paths are complete
     own_words = error.__cause__ is not None
     unknown = re.match(r"Object contains unknown field `(.*)`$", problem, re.DOTALL)
     missing = re.match(r"Object missing required field `(.*)`$", problem)
@@ -53,13 +53,13 @@ def explain(
 
 
 def _elsewhere(key: str) -> list[str]:
-    """Return where the scenario's own sections have a key of this name."""
+    """Return the keys of this name in the scenario's sections, with their sections."""
     sections = _fields(mi.type_info(Scenario)).items()
     return [f"{name}.{key}" for name, node in sections if key in _fields(node)]
 
 
 def one_line(text: str) -> str:
-    """Return a text with what would end its line, or worse, written out."""
+    """Return a text with line ends and control characters escaped."""
     return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]", lambda match: repr(match[0])[1:-1], text)
 
 
@@ -82,7 +82,7 @@ def _descend(node: mi.Type, value: Any, steps: list[str]) -> tuple[mi.Type, Any,
         node = _choose(node, value)
         key = step
         if isinstance(node, mi.DictType):
-            # msgspec does not say which: the first that is no string, or no number
+            # msgspec does not name the key: take the first value that is no string, or no number
             kinds = str if isinstance(node.value_type, mi.StrType) else (int, float)
             wrong = {k: v for k, v in value.items() if type(v) is bool or not isinstance(v, kinds)}
             node, (key, value) = node.value_type, next(iter((wrong or value).items()))
@@ -101,7 +101,7 @@ def _descend(node: mi.Type, value: Any, steps: list[str]) -> tuple[mi.Type, Any,
 
 
 def _choose(node: mi.Type, value: Any) -> mi.Type:
-    """Return the member of a union that `value` is meant for: by its tag, else the first."""
+    """Return the member of a union that `value` selects by its tag, else the only one, if any."""
     if isinstance(node, mi.Metadata):
         node = node.type
     if not isinstance(node, mi.UnionType):
@@ -115,7 +115,7 @@ def _choose(node: mi.Type, value: Any) -> mi.Type:
 
 
 def _fields(node: mi.Type) -> dict[str, mi.Type]:
-    """Return what a table may hold: the type of each key, in a union also the tag's."""
+    """Return what a table may hold: the type of each key; for a union, the type of its tag."""
     if isinstance(node, mi.UnionType):
         return {
             t.tag_field: node for t in node.types if isinstance(t, mi.StructType) and t.tag_field

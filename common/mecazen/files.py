@@ -19,7 +19,7 @@ MAX_DEPTH = 32
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading, and nothing that could block or never end.
+    """Open a regular file for reading; refuse files that could block or never end.
 
     Raises:
         ConfigError: One line with the path and the reason.
@@ -78,7 +78,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     """Return the tables of a text.
 
     Raises:
-        ValueError: It is not TOML, or nested too deep for what reads it next.
+        ValueError: The text is not TOML, or it is nested more than `MAX_DEPTH` deep.
     """
     try:
         tables = tomllib.loads(text)

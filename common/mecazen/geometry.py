@@ -17,11 +17,11 @@ def wrap(angle: float) -> float:
 
 
 of_three = tuple.__new__
-"""Makes a pose or a twist of its numbers in half the time that a call of its class takes."""
+"""Makes a pose or a twist from three numbers, in half the time of a call of the class."""
 
 
 class Twist2D(NamedTuple):
-    """Planar velocity: x, y [m/s] and yaw rate [rad/s]; the frame is the user's."""
+    """Planar velocity: x, y [m/s] and yaw rate [rad/s]; the caller chooses the frame."""
 
     x: float = 0.0
     y: float = 0.0
@@ -36,7 +36,7 @@ class Pose2D(NamedTuple):
     yaw: float = 0.0
 
     def compose(self, other: Pose2D) -> Pose2D:
-        """Return `other`, given in this frame, in this frame's parent.
+        """Transform `other` from this frame into this frame's parent.
 
         >>> Pose2D(2.0, 1.0, 0.0).compose(Pose2D(0.5, 0.25, 1.0))
         Pose2D(x=2.5, y=1.25, yaw=1.0)
@@ -44,7 +44,7 @@ class Pose2D(NamedTuple):
         return self._moved(other.x, other.y, other.yaw)
 
     def between(self, other: Pose2D) -> Pose2D:
-        """Return `other`, given in this frame's parent, in this frame.
+        """Transform `other` from this frame's parent into this frame.
 
         >>> Pose2D(2.0, 1.0, 0.0).between(Pose2D(2.5, 1.25, 1.0))
         Pose2D(x=0.5, y=0.25, yaw=1.0)
@@ -57,7 +57,7 @@ class Pose2D(NamedTuple):
         """Return the pose after moving with constant body `twist` for `dt` [s].
 
         Exact, by the exponential map of SE(2). (1 - cos(a))/a is written as 2 sin²(a/2)/a,
-        which keeps its digits near a = 0; there both quotients have series.
+        which is accurate near a = 0; there series replace both quotients.
         """
         a = twist.yaw * dt
         if abs(a) < 1e-4:
@@ -102,8 +102,8 @@ def to_rectangle(ahead: float, beside: float, half: tuple[float, float]) -> floa
 def overlap(a: Pose2D, half_a: tuple[float, float], b: Pose2D, half_b: tuple[float, float]) -> bool:
     """Return whether two rectangles with their middles at `a` and `b` overlap.
 
-    Half their lengths and widths are given [m]. They are apart exactly if they are along an axis
-    of one of the two.
+    `half_a` and `half_b` are half the length and half the width [m]. Two rectangles are apart
+    exactly if their projections on an axis of one of them are apart.
     """
     for yaw in (a.yaw, a.yaw + math.pi / 2, b.yaw, b.yaw + math.pi / 2):
         c, s = math.cos(yaw), math.sin(yaw)

@@ -1,4 +1,4 @@
-"""Planar geometry for arrays of points: that of `geometry`."""
+"""Planar geometry for arrays of points, as in `geometry`."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def rotate(vectors: Floats, yaw: float) -> Floats:
 
 
 def compose(frame: Pose2D, xy: Floats) -> Floats:
-    """Return points (n, 2), given in a frame, in its parent [m]."""
+    """Transform points (n, 2) [m] from a frame into its parent."""
     composed: Floats = rotate(xy, frame.yaw) + frame[:2]
     return composed
 
 
 def between(frame: Pose2D, xy: Floats) -> Floats:
-    """Return points (n, 2), given in the parent of a frame, in that frame [m]."""
+    """Transform points (n, 2) [m] from the parent of a frame into the frame."""
     return rotate(xy - frame[:2], -frame.yaw)
 
 

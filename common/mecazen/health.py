@@ -1,6 +1,6 @@
 """Whether one service is alive: `python -m mecazen.health NAME`, as a container's health check.
 
-It is asked every few seconds, so it imports little: the bus, and no service.
+Containers run this check every few seconds, so it imports little: the bus, and no service.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ ROUTER = "router"
 
 
 def health(name: str, config: BusConfig) -> str:
-    """Return what a service, or the router, does, by its liveliness tokens.
+    """Return the state of a service by its liveliness tokens, or the state of the router.
 
     Raises:
-        MecazenError: It is not alive, or the router can't be connected to.
+        MecazenError: The service is not alive, or the router can't be connected to.
     """
     bus = ZenohBus(config, "client")
     try:

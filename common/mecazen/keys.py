@@ -50,9 +50,9 @@ class Call(Generic[RequestT, AnswerT]):
     answer: type[AnswerT]
     meaning: str
     changes: bool = False
-    """Whether it changes state; only the operator may then use it."""
+    """Whether the call changes state; then only the operator may use it."""
     files: bool = False
-    """Whether files are served below its key."""
+    """Whether files are served below the call's key."""
 
 
 CLOCK = Topic("clock", m.Clock, "simulated time")

@@ -37,15 +37,15 @@ class WheelSpeeds(NamedTuple):
 class MecanumKinematics:
     """The ideal relation of body twist and wheel speeds, without slip.
 
-    A roller with its axis at γ to the axle resists only along it. With a wheel's centre moving
-    at (v_x, v_y), its rim at ωR, that is (v_x - ωR)·sin γ ∓ v_y·cos γ = 0, with the upper sign
-    for front left and rear right wheels in the arrangement X.
+    A roller whose axis is at γ to the axle resists only along its axis. For a wheel whose centre
+    moves at (v_x, v_y) and whose rim moves at ωR, this means (v_x - ωR)·sin γ ∓ v_y·cos γ = 0, with
+    the upper sign for front left and rear right wheels in the arrangement X.
 
     Lengths in metres: the wheels' radius, half the distance between the axles, half the
     distance between left and right wheels. `cross_gain` is ±cot γ, see `Robot.cross_gain`.
 
-    With rollers of 45° it is equations (1) to (7) of "Omniwheel Chassis' Model and Plugin for
-    Gazebo Simulator", with s_FR = 2 half_wheelbase and s_RL = 2 half_track.
+    With rollers at 45° the relation is equations (1) to (7) of "Omniwheel Chassis' Model and Plugin
+    for Gazebo Simulator", with s_FR = 2 half_wheelbase and s_RL = 2 half_track.
     """
 
     wheel_radius: float

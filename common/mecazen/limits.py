@@ -1,7 +1,7 @@
-"""Which numbers are plausible: the one table of limits of what comes from outside.
+"""The table of plausible numbers: their limits in messages that come from outside.
 
 A sample or a request beyond its limits is refused where its bytes are decoded, before any node
-sees it. Within a process nothing is decoded: there only nodes of one's own are checked.
+sees it. Messages within a process are not decoded: there only those of user nodes are checked.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Limit(NamedTuple):
     unit: str
     most: float
     part: Callable[[Any], Any]
-    """Takes the part of a message that holds them ..."""
+    """Returns the part of a message that holds the numbers ..."""
     numbers: Callable[[Any], Sequence[float]]
     """... and the numbers from that part."""
 
@@ -94,7 +94,7 @@ BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
 BY_KEY: Mapping[str, tuple[Limit, ...]] = {
     keys.TARGET_CMD_VEL.key: _twist("", FASTEST_PERSON, FASTEST_PERSON),
 }
-"""The limits of a key that has others."""
+"""Limits of keys that differ from the limits of their message type."""
 
 
 def refuse_implausible(key: str, message: m.Message) -> None:
@@ -105,7 +105,7 @@ def refuse_implausible(key: str, message: m.Message) -> None:
     """
     for what, unit, most, part, numbers in BY_KEY.get(key) or BY_TYPE.get(type(message), ()):
         values = numbers(part(message))
-        # where the norm is within the limit each number is, and none is NaN; quicker than each
+        # if the norm is within the limit, so is each number, and none is NaN; faster than a loop
         if not math.hypot(*values) <= most:
             for value in values:
                 if not abs(value) <= most:

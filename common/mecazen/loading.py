@@ -24,9 +24,10 @@ from mecazen.schema import Folder, Output, Section, SectionT
 from mecazen.text import printable
 
 OWN = Path(__file__).parent
-"""Where the scenarios, robots and worlds are that come with the package, in `configs`."""
+"""Folder of the package; its `configs` holds the scenarios, robots and worlds of the package."""
 SCENARIO_VARIABLE, SETTINGS_VARIABLE = "MECAZEN_SCENARIO", "MECAZEN_SET"
-"""The environment's scenario, and its overrides, apart by spaces, where none are given."""
+"""Environment variables with a scenario and its overrides (separated by spaces), used if no
+scenario and no overrides are given."""
 _SECTIONS: dict[str, Any] = {field.name: field.type for field in msgspec.structs.fields(Scenario)}
 """The types of a scenario's fields."""
 
@@ -43,7 +44,7 @@ def scenario_path(name: str) -> Path:
 def given_file(name: str, kind: str) -> Path:
     """Return a TOML file given on the command line by its path or as in `named_file`.
 
-    A folder, a pipe or a device is returned as well: `read_toml` says what it is.
+    A folder, a pipe or a device is returned as well: `read_toml` refuses it with a message.
 
     Raises:
         ConfigError: There is no such file.
@@ -60,10 +61,12 @@ def given_file(name: str, kind: str) -> Path:
 
 
 def named_file(name: str, kind: str, where: str = "") -> Path:
-    """Return a TOML file by its name in `configs/<kind>s` here, above or installed.
+    """Return a TOML file by its name in `configs/<kind>s`.
+
+    The folder `configs` is in the working directory, in a folder above it, or in the package.
 
     Raises:
-        ConfigError: There is no such file, `where` it is named.
+        ConfigError: There is no such file; the message begins with `where`.
     """
     above = (Path.cwd(), *Path.cwd().parents, OWN)
     folder = next(c for folder in above if (c := folder / "configs" / f"{kind}s").is_dir())
@@ -84,7 +87,7 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
         overrides: `key.path=value` each, the value in TOML; a bare word is a string.
 
     Raises:
-        ConfigError: One line with the file, the key and what is allowed.
+        ConfigError: One line with the file, the key and the allowed values.
     """
     return from_tables(read_toml(path), path, overrides)
 
@@ -92,10 +95,10 @@ def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
 def from_tables(
     raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = (), *, opens_files: bool = True
 ) -> Scenario:
-    """Check the tables of a scenario, as `load_scenario` does; `path` says where they are from.
+    """Check the tables of a scenario, as `load_scenario` does; `path` is the file that has them.
 
     Raises:
-        ConfigError: One line with the file, the key and what is allowed.
+        ConfigError: One line with the file, the key and the allowed values.
         UntrustedError: The tables name a file, and `opens_files` is false.
     """
     settings = dict(_parse_override(override) for override in overrides)
@@ -112,7 +115,7 @@ def from_tables(
     for key, value in settings.items():
         _override(raw, key, value)
     if isinstance(world := raw.get("world"), dict):
-        take_map(world, origin.locate)  # of an override
+        take_map(world, origin.locate)  # an override may name a map
     for name in NO_KEYS:
         if name in raw:
             raise ConfigError(f"{path}: unknown key '{name}'")
@@ -124,7 +127,7 @@ def from_tables(
 
 
 def _refuse_files(raw: dict[str, Any], path: Path) -> None:
-    """Refuse a robot or a world that is a file, or has a map."""
+    """Refuse a robot or a world that names a file or a map."""
     for table in (raw, *_tables(raw.get("robots"))):
         for part in ("robot", "world"):
             given = table.get(part, {})
@@ -135,10 +138,11 @@ def _refuse_files(raw: dict[str, Any], path: Path) -> None:
 def _read_part(
     part: str, table: dict[str, Any], origin: _Origin
 ) -> tuple[Path, Sequence[str]] | None:
-    """Read the file of a robot or a world that a table names; lay over it what else it says.
+    """Read the file of a robot or a world that a table names; apply the table's other values to it.
 
-    It is a path, a name of ours, or a table with either: `{ file = "nexus", payload = { … } }`.
-    Returns the file, and the keys that are changed; None where the table names no file.
+    The value in the table is a path, the name of a provided file, or a table with either of them:
+    `{ file = "nexus", payload = { … } }`. Return the file and the changed keys; None if the table
+    names no file.
     """
     given = table.get(part)
     changes = dict(given) if isinstance(given, dict) else {"file": given}
@@ -181,9 +185,9 @@ def _take_programs(raw: dict[str, Any], origin: _Origin) -> None:
 
 
 def _take_sensors(raw: dict[str, Any]) -> None:
-    """Add the services that the kind of sensor needs, and the crowd where it is needed.
+    """Add the services that the kind of sensor needs, and the crowd if it is needed.
 
-    It is needed where others walk, or where several robots see each other and all persons. Wrong
+    The crowd is needed if others walk, or if several robots see each other and all persons. Wrong
     types are refused when the tables are converted.
     """
     sensor, listed = raw.get("sensor", {}), raw.get("services", Scenario.__struct_defaults__[0])
@@ -206,7 +210,7 @@ def _take_sensors(raw: dict[str, Any]) -> None:
 
 
 def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Section]]:
-    """Return the types of the sections that user nodes bring along, by the names of the nodes."""
+    """Return the types of the sections that user nodes define, by node name."""
     given, services = raw.get("programs"), raw.get("services")
     tables = given if isinstance(given, dict) else {}
     programs = {name: program for name, program in tables.items() if isinstance(program, str)}
@@ -219,7 +223,7 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
         except ConfigError:
             if name not in TABLE:
                 raise
-            # a class in a node's place is needed only where it runs, and is refused there
+            # a class that replaces a node is needed only in its own process, which refuses it
             _drop_unreadable(name, raw, origin)
             continue
         if section is None:
@@ -238,7 +242,7 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
 
 
 def _drop_unreadable(name: str, raw: dict[str, Any], origin: _Origin) -> None:
-    """Leave the defaults where only a program that is not here can read the section `name`."""
+    """Use the defaults if only a program that is missing here can read the section `name`."""
     for table in (raw, *_tables(raw.get("robots"))):
         try:
             _convert(table.get(name, {}), _SECTIONS.get(name, Section), name, origin)
@@ -252,7 +256,7 @@ def _tables(value: Any) -> list[dict[str, Any]]:
 
 
 def _complete(robot: dict[str, Any], everyone: dict[str, Any], origin: _Origin) -> None:
-    """Read the file of one robot's table, and lay its sections over those for `everyone`."""
+    """Read the robot file of one robot's table; its sections override those for `everyone`."""
     if (file := _read_part("robot", robot, origin)) is not None:
         _convert(robot["robot"], Robot, "", _Origin(file[0]))
     for name in robot.keys() - {"name", "robot", "start"}:
@@ -260,7 +264,7 @@ def _complete(robot: dict[str, Any], everyone: dict[str, Any], origin: _Origin) 
 
 
 def _laid_over(below: Any, above: Any) -> Any:
-    """Return tables in which what is `above` counts; one of another kind replaces the other."""
+    """Return tables with the values of `above` over those of `below`; another `kind` replaces."""
     if not isinstance(below, dict) or not isinstance(above, dict):
         return above
     if above.get("kind", below.get("kind")) != below.get("kind"):
@@ -272,7 +276,7 @@ def load_bus(path: Path, overrides: tuple[str, ...] = ()) -> BusConfig:
     """Load only the section `[bus]`: no service's code is imported.
 
     Raises:
-        ConfigError: One line with the file, the key and what is allowed.
+        ConfigError: One line with the file, the key and the allowed values.
     """
     raw = {"bus": read_toml(path).get("bus", {})}
     settings = dict(_parse_override(override) for override in overrides)
@@ -284,10 +288,10 @@ def load_bus(path: Path, overrides: tuple[str, ...] = ()) -> BusConfig:
 
 
 def load_table(path: Path, kind: type[SectionT]) -> SectionT:
-    """Load a TOML file that is no scenario, as strictly.
+    """Load a TOML file other than a scenario, with the same checks.
 
     Raises:
-        ConfigError: One line with the file, the key and what is allowed.
+        ConfigError: One line with the file, the key and the allowed values.
     """
     return _convert(read_toml(path), kind, "", _Origin(path))
 
@@ -306,7 +310,7 @@ def to_toml(scenario: Scenario) -> str:
 
 
 def robots_in(text: str) -> tuple[str, ...]:
-    """Return `Scenario.names` of a scenario in TOML; of what is none, those of a single robot."""
+    """Return `Scenario.names` of a scenario in TOML; for invalid TOML, those of a single robot."""
     try:
         robots = _tables(parse_toml(text).get("robots"))
     except ValueError:
@@ -343,7 +347,7 @@ def _override(raw: dict[str, Any], key: str, value: Any) -> None:
     for depth, name in enumerate(tables):
         table, here = raw.setdefault(name, {}), ".".join(tables[: depth + 1])
         if isinstance(table, list):
-            # each of several robots goes by its name
+            # a key addresses one of several robots by its name
             table = {str(part["name"]): part for part in _tables(table) if "name" in part} or None
             if table and names[depth + 1] not in table:
                 raise ConfigError(f"--set {key}: {here} are {', '.join(table)}")
@@ -354,22 +358,22 @@ def _override(raw: dict[str, Any], key: str, value: Any) -> None:
 
 
 class _Origin(NamedTuple):
-    """Where the values of a scenario come from, for what is said of them."""
+    """The origin of a scenario's values, for error messages."""
 
     path: Path
     files: Mapping[str, Path] = {}
-    """The files of robot and world, where they have one."""
+    """Files of the sections `robot` and `world`, if they come from files."""
     settings: tuple[str, ...] = ()
     """The keys that are overridden."""
     given: tuple[str, ...] = ()
-    """The strings of the overrides, as objects: the file may contain equal ones."""
+    """Strings of the overrides, compared by identity, since the file may contain equal strings."""
     changes: tuple[str, ...] = ()
-    """The keys of such parts that the scenario changes."""
+    """Keys of these files that the scenario changes."""
     opens_files: bool = True
     """Whether settings may be paths."""
 
     def locate(self, path: str) -> Path:
-        """Return a path of the file or of an override, which is relative to where it is given."""
+        """Return a path relative to the file, or for an override to the working directory."""
         is_given = any(path is text for text in self.given)
         return (Path.cwd() if is_given else self.path.parent) / path
 
@@ -381,7 +385,7 @@ class _Origin(NamedTuple):
         for setting in self.settings:
             within = key == setting or key.startswith(f"{setting}.")
             around = setting.startswith(f"{key}.") if key else True
-            # what is wrong with a table as a whole names those of its keys that matter
+            # a problem with a whole table names the keys that matter
             if within or (around and (not of_table or setting.rpartition(".")[2] in problem)):
                 return f"{file} with --set {setting}"
         return str(file)

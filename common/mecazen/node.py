@@ -84,8 +84,8 @@ class Inputs:
     def age_s(self, topic: Topic[Any]) -> float:
         """Return the age of a topic's newest message [s]; inf: there is none.
 
-        It counts from the step that the message was meant for. So a message that arrives in time
-        has the age 0 in its step.
+        The age counts from the step that the message was meant for. So a message that arrives in
+        time has the age 0 in its step.
         """
         if topic in self.samples:
             return (self._now_ns - self._due_ns.get(topic, self._now_ns)) / NS_PER_S

@@ -33,7 +33,7 @@ def take_map(world: dict[str, Any], locate: Callable[[str], Path]) -> None:
     """Add the boxes of the occupancy image that a world names to the world's obstacles.
 
     Args:
-        world: Its table; its conversion later refuses wrong types.
+        world: Table of the world; wrong types are refused later, when the table is converted.
         locate: Returns the file that a path in the table names.
 
     Raises:
@@ -116,7 +116,7 @@ def _read_pgm(path: Path) -> tuple[int, int, int, Sequence[int]]:
     elif most > 255:
         body = data[header.end() :][: 2 * count]
         pixels = array("H", body[: len(body) // 2 * 2])
-        if byteorder == "little":  # the picture's is big
+        if byteorder == "little":  # PGM is big-endian
             pixels.byteswap()
     else:
         pixels = data[header.end() :][:count]
@@ -130,8 +130,8 @@ def _read_pgm(path: Path) -> tuple[int, int, int, Sequence[int]]:
 def _rectangles(lines: Iterable[bytes]) -> list[tuple[int, int, int, int]]:
     """Return rectangles (top, bottom, left, right; ends excluded) that cover the cells of 1.
 
-    Runs of cells in a line grow downwards as long as the next line has the same run. Ends early
-    with more than can be simulated.
+    Runs of cells in a line grow downwards as long as the next line has the same run. The search
+    ends early if more than `MAX_BOXES` are found.
     """
     found: list[tuple[int, int, int, int]] = []
     growing: dict[tuple[int, int], int] = {}

@@ -1,6 +1,6 @@
 """Parameters: the settings of a scenario that may change while a simulation runs.
 
-They are the fields that are declared `mecazen.schema.Live`. A change is a setting as with `--set`,
+Parameters are the fields declared as `mecazen.schema.Live`. A change is a setting as with `--set`,
 by its key and in TOML, with the same ranges.
 """
 
@@ -24,7 +24,7 @@ from mecazen.messages import Parameter, ParameterDescriptor, Parameters
 from mecazen.schema import LIVE, Section, SectionT
 
 ROBOTS = "robots"
-"""Begins the keys of what differs for one of several robots, by its name."""
+"""First part of the keys of one robot's parameters; the robot's name is the second part."""
 
 UNITS = {
     "m": "m",
@@ -39,7 +39,7 @@ UNITS = {
     "rad_s3": "rad/s³",
     "1_s": "1/s",
 }
-"""Units by the ends of names."""
+"""Units by the last part of a parameter's name."""
 
 Path = tuple[str, ...]
 
@@ -54,7 +54,7 @@ class Live(NamedTuple):
 def parameters(scenario: Scenario) -> dict[str, Live]:
     """Return the parameters of the services that take part, by their keys.
 
-    With several robots each has its own as well: `robots.two.follower.standoff_m`.
+    With several robots, each robot also has its own parameters: `robots.two.follower.standoff_m`.
     """
     found = _of_services(scenario)
     for robot in scenario.robots:
@@ -112,7 +112,7 @@ def described(name: str, live: Live) -> ParameterDescriptor:
 
 
 def _some(kind: mi.Type) -> mi.Type:
-    """Return the type of a value that is there, of one that may be left out."""
+    """Return the type of a given value of a setting that may be left out."""
     kind = kind.type if isinstance(kind, mi.Metadata) else kind
     if isinstance(kind, mi.UnionType):
         (kind,) = (t for t in kind.types if not isinstance(t, mi.NoneType))
@@ -125,7 +125,7 @@ def _is_optional(kind: mi.Type) -> bool:
 
 
 def to_text(value: Any) -> str:
-    """Return a value in TOML; "" of what is left out."""
+    """Return a value in TOML, or "" if it is left out."""
     if value is None:
         return ""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -142,7 +142,7 @@ def settings_of(message: Parameters) -> dict[str, str]:
 
 
 def to_message(settings: Mapping[str, str]) -> tuple[Parameter, ...]:
-    """Return the opposite of `settings_of`."""
+    """Return settings as parameters of a message: the inverse of `settings_of`."""
     return tuple(Parameter(name=name, value=value) for name, value in settings.items())
 
 
@@ -161,7 +161,7 @@ def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
     """Refuse settings that are no parameters.
 
     Raises:
-        ConfigError: One is not, with a suggestion.
+        ConfigError: A setting is no parameter; the message has a suggestion.
     """
     known = parameters(scenario)
     for key in settings:
@@ -180,7 +180,7 @@ def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
 
 
 def _is_setting(scenario: Scenario, key: str) -> bool:
-    """Return whether a key is one of the configuration."""
+    """Return whether the configuration has a key."""
     value: Any = scenario
     for name in key.split("."):
         if not isinstance(value, Section) or name not in type(value).__struct_fields__:
@@ -190,7 +190,7 @@ def _is_setting(scenario: Scenario, key: str) -> bool:
 
 
 def changed(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """Return a scenario with some parameters changed; without a robot's name, those of all robots.
+    """Return a scenario with changed parameters; a key without a robot's name is for all robots.
 
     Raises:
         ConfigError: A value, or the scenario with it, is not allowed.
@@ -222,7 +222,7 @@ def _put(tree: dict[str, Any], path: list[str], text: str) -> None:
 
 
 def _changed(scenario: Scenario, tree: Mapping[str, Any], prefix: str = "") -> dict[str, Section]:
-    """Return the sections of a scenario, or of its part of one robot, that change."""
+    """Return the changed sections of a scenario, or of one robot's part of a scenario."""
     return {
         name: _with(getattr(scenario, name, None), changes, prefix + name)
         for name, changes in tree.items()
@@ -264,7 +264,7 @@ def _types(section: type[Section]) -> Mapping[str, Any]:
 
 
 def _replaced(whole: SectionT, fields: Mapping[str, Any], key: str) -> SectionT:
-    """Return a struct with other fields, which checks itself."""
+    """Return a struct with other fields; the struct's own checks run."""
     try:
         return msgspec.structs.replace(whole, **fields)
     except ValueError as error:

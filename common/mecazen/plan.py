@@ -63,7 +63,7 @@ class Turn:
     number: int
     row: Row
     robot: str
-    """Robot that it belongs to; empty for a single robot and for shared nodes."""
+    """Robot that the node belongs to; empty for a single robot and for shared nodes."""
     period: int
     """Number of ticks from one step to the next; 0: the node makes no steps."""
     needs: tuple[Need, ...]
@@ -224,7 +224,7 @@ def _ordered(drafts: list[_Draft], givers: Mapping[str, _Draft]) -> list[_Draft]
     """
     awaited = {
         id(draft): []
-        if draft.is_world  # it answers to the tick before
+        if draft.is_world  # it uses the outputs of the tick before
         else [
             giver
             for taken in draft.takes

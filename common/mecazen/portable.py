@@ -18,7 +18,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 
 NEWTON_STEPS = 8
-"""Three reach double precision from the asymptotic root."""
+"""Number of Newton steps; three reach double precision from the asymptotic root."""
 
 
 def product(one: Floats, other: Floats | Sequence[float]) -> Floats:

@@ -36,8 +36,8 @@ class PoseHistory:
     def at(self, time_ns: int) -> Pose2D:
         """Return the pose at a time, between two poses by linear interpolation.
 
-        The yaw turns the shorter way. A known pose is returned unchanged. If time 0 is not known,
-        it means the newest pose, as in ROS's tf2.
+        The yaw turns the shorter way. A known pose is returned unchanged. If the pose at time 0 is
+        not known, time 0 means the newest pose, as in ROS's tf2.
 
         Raises:
             RefusedError: The time is before the oldest pose or after the newest.
@@ -48,7 +48,7 @@ class PoseHistory:
                 return self._poses[-1]
             known = f"{times[0] / 1e9:g} to {times[-1] / 1e9:g} s" if times else "no time"
             raise RefusedError(f"no pose is known of {time_ns / 1e9:g} s, only of {known}")
-        # most are of the newest ticks: a deque is quick at its ends
+        # most queries are for the newest ticks, and a deque is quick at its ends
         index = len(times) - 1
         while index > 0 and times[index - 1] >= time_ns:
             index -= 1

@@ -1,4 +1,4 @@
-"""Finds the classes that play the parts of a scenario, and the graph that they make."""
+"""Finds the classes of the nodes of a scenario, and the graph of these nodes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Kind = type[Node] | type[World] | type[Observer]
 
 @lru_cache
 def installed(group: str) -> dict[str, EntryPoint]:
-    """Return what is installed here under a group of entry points, by name."""
+    """Return the installed entry points of a group, by name."""
     return {entry.name: entry for entry in entry_points(group=group)}
 
 
@@ -60,7 +60,7 @@ def find(name: str, programs: Mapping[str, str]) -> Kind:
 
 
 def imported(program: str) -> object:
-    """Return what `file.py:Name` or `module:Name` says; None: there is nothing of that name.
+    """Return the object that `file.py:Name` or `module:Name` names; None: there is no such name.
 
     Raises:
         ConfigError: The file or module can't be imported.
@@ -95,7 +95,7 @@ def _from_file(place: str) -> ModuleType:
 
 
 _loaded: dict[str, ModuleType] = {}
-"""Files of one's own, by their paths: nodes of one file share its topics and messages."""
+"""Loaded files of user programs, by path: nodes of one file share its topics and messages."""
 
 
 def _checked(found: object, program: str) -> Kind:
@@ -110,9 +110,9 @@ def _checked(found: object, program: str) -> Kind:
 
 
 def reads_section(service: str, kinds: Mapping[str, Kind]) -> bool:
-    """Return whether a service reads its section, given its classes by the names of their nodes.
+    """Return whether a service reads its section, given its classes by node name.
 
-    A user's class reads it if it names the type or derives from the class in whose place it is.
+    A user class reads it if the class has a SECTION or derives from the class that it replaces.
     """
     kind, known = kinds.get(service), installed_nodes()
     return (
@@ -127,12 +127,13 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
     """Return the nodes of a scenario.
 
     Args:
-        scenario: Names its services, and its own programs.
-        hosted: Classes of this process, by the names of their nodes: their own rows count, and
-            those of the scenario's programs. All other nodes are as they stand in the table.
+        scenario: The scenario, which names services and user programs.
+        hosted: Classes of this process, by node name. Their rows and those of user programs apply;
+            all other nodes have their rows of the table.
 
     Raises:
-        ConfigError: A node is unknown, gives what another gives, or not what others wait for.
+        ConfigError: A node is unknown, publishes a topic of another node, or does not publish a
+            topic that others wait for.
     """
     rows: list[Row] = []
     features = scenario.features
@@ -173,16 +174,16 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
 
 
 def _rows(service: str, scenario: Scenario) -> tuple[Row, ...]:
-    """Return the rows of a service that take part in a scenario; none where it is not known."""
+    """Return the rows of a service that take part in a scenario; none if it is unknown."""
     needed = {"", *scenario.features}
     return tuple(row for row in graph.services().get(service, ()) if row.needs in needed)
 
 
 def _refuse_truth(found: Graph) -> None:
-    """Refuse a node that needs what only a simulation has.
+    """Refuse a node that needs a topic that only a simulation publishes.
 
     Raises:
-        ConfigError: There is one.
+        ConfigError: There is such a node.
     """
     for row in found.rows:
         for i in row.inputs:
@@ -194,7 +195,7 @@ def _refuse_truth(found: Graph) -> None:
 
 
 def _refuse_bypass(rows: Iterable[Row]) -> None:
-    """Refuse a row that moves the wheels past the guard."""
+    """Refuse a row that commands the wheels without the guard."""
     for row in rows:
         takes = CMD_VEL in [i.topic for i in row.inputs]
         if takes and JOINT_COMMAND in row.outputs:
@@ -209,7 +210,7 @@ def _refuse_bypass(rows: Iterable[Row]) -> None:
 
 
 def _check_own(row: Row, program: str, found: Graph) -> None:
-    """Refuse a row of one's own that can't work in its graph."""
+    """Refuse the row of a user node that can't work in its graph."""
     known = {topic.key: topic for topic in TOPICS} | {call.key: call for call in CALLS}
     named: list[Topic[Any] | Call[Any, Any]] = [i.topic for i in row.inputs]
     named += (*row.outputs, *row.calls)
@@ -242,9 +243,9 @@ def _table(features: frozenset[str]) -> Graph:
 
 
 def _program(name: str, scenario: Scenario) -> Kind | None:
-    """Return the class that a program puts in a node's place.
+    """Return the user class that replaces a node, if there is one.
 
-    Where it can't be imported, as in a container of another service, the row of the table counts.
+    If the class can't be imported, as in a container of another service, the table's row applies.
     """
     try:
         return find(name, scenario.programs) if name in scenario.programs else None
@@ -256,7 +257,7 @@ def own_row(name: str, scenario: Scenario) -> Row:
     """Return the row of a node that is not in the table.
 
     Raises:
-        ConfigError: There is no such node, or it is none.
+        ConfigError: There is no such node, or its class is not a node.
     """
     kind = find(name, scenario.programs)
     if not issubclass(kind, Node):
@@ -265,7 +266,7 @@ def own_row(name: str, scenario: Scenario) -> Row:
 
 
 def _placed(row: Row, kind: Kind, scenario: Scenario) -> Row:
-    """Return what a class says of itself, in the place of `row`."""
+    """Return the row of a class, placed where `row` is."""
     if issubclass(kind, Observer):
         return row
     own = kind.row(scenario)
@@ -273,13 +274,13 @@ def _placed(row: Row, kind: Kind, scenario: Scenario) -> Row:
 
 
 def _nodes(service: str, scenario: Scenario) -> list[str]:
-    """Return the names of a service's nodes, but for the clock."""
+    """Return the names of a service's nodes, without the clock."""
     rows = _rows(service, scenario) or (Row(service),)
     return [row.name for row in rows if not row.owns_time]
 
 
 def refuse_missing(service: str, scenario: Scenario) -> None:
-    """Refuse a service of which a class is missing, without importing what is installed.
+    """Refuse a service with a missing class, without importing installed classes.
 
     Raises:
         ConfigError: There is no such class.
@@ -290,7 +291,7 @@ def refuse_missing(service: str, scenario: Scenario) -> None:
 
 
 def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
-    """Return the classes of a service's nodes, by the nodes' names; not the clock's.
+    """Return the classes of a service's nodes, except the clock, by node name.
 
     Raises:
         ConfigError: There is no such class.

@@ -1,6 +1,6 @@
 """The robot file: geometry, masses and motors of a four-wheel mecanum robot.
 
-Everything that more than one service needs to know of the robot stands here, in SI units
+All properties of the robot that more than one service needs are here, in SI units
 with the unit in each key. Lengths and positions are in `base_link`: origin on the ground
 below the centre of the four wheels, x forward, y left, z up.
 """
@@ -15,7 +15,7 @@ import msgspec
 from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-"""The order of wheels everywhere."""
+"""The order of the wheels in all tuples."""
 
 
 class Base(Section):
@@ -33,7 +33,7 @@ class Wheels(Section):
     """The four wheels; the hub is the wheel without its rollers."""
 
     radius_m: Positive
-    """Radius of the round that the rollers together form."""
+    """Radius of the circle that the rollers form together."""
     wheelbase_m: Positive
     """Distance between the front and the rear axle."""
     track_m: Positive
@@ -55,7 +55,7 @@ class Motors(Section):
     time_constant_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
     """Time constant of the first-order lag."""
     dead_band_rad_s: NonNegative = 0.0
-    """Commanded speed that static friction takes away: a wheel stands up to it."""
+    """Speed that static friction subtracts from the command: a wheel stands below this speed."""
     gains: tuple[Positive, Positive, Positive, Positive] = (1.0, 1.0, 1.0, 1.0)
     """Speed over commanded speed of each wheel, in the order of `WHEELS`."""
     coulomb_nm: NonNegative = 0.0
@@ -63,8 +63,8 @@ class Motors(Section):
     viscous_nms: NonNegative = 0.0
     """Friction of motor and gear for each rad/s."""
     sag_per_nm: Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)] = 0.0
-    """Share of the supply's voltage, and so of the speeds, that each N·m of the motors' summed
-    torques costs."""
+    """Relative drop of the supply's voltage, and so of the speeds, for each N·m of the motors'
+    summed torques."""
 
 
 class Rollers(Section):
@@ -79,12 +79,12 @@ class Rollers(Section):
     angle_deg: Annotated[float, msgspec.Meta(ge=10.0, le=80.0)] = 45.0
     """Angle between a roller's axis and the wheel's axle."""
     arrangement: Literal["X", "O"] = "X"
-    """What the rollers on top form, seen from above: how left and right wheels are placed."""
+    """Shape that the upper rollers form, seen from above: how left and right wheels are placed."""
     contact_friction: NonNegative = 1.0
     """Coulomb coefficient of the roller's surface; the ground's own multiplies it."""
     hull_spheres: Annotated[int, msgspec.Meta(ge=3, le=101)] = 81
-    """Spheres whose convex hull is a roller's collision shape; odd: one in its middle. The fewer,
-    the more a coasting robot is slowed down: docs/physics.md has what each costs."""
+    """Number of spheres whose convex hull is a roller's collision shape; odd, so that one is in the
+    middle. With fewer spheres a coasting robot slows down more: docs/physics.md has their cost."""
 
 
 class Attachment(Section):
@@ -97,7 +97,7 @@ class Attachment(Section):
 
 
 class Camera(Attachment):
-    """A camera; its optical centre is that of its housing, whose shape stays level."""
+    """A camera; the optical centre is the centre of the housing, which stays level."""
 
     pitch_deg: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0
     """Tilt of the view: up is positive, unlike a rotation about y."""
@@ -106,7 +106,7 @@ class Camera(Attachment):
 
     @property
     def axes(self) -> tuple[tuple[float, float, float], ...]:
-        """Unit vectors in base_link (3, 3): where it looks, to its left, and up."""
+        """Unit vectors in base_link (3, 3): the camera's viewing direction, left, and up."""
         yaw, pitch = math.radians(self.yaw_deg), math.radians(self.pitch_deg)
         c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
         return (cp * c, cp * s, sp), (-s, c, 0.0), (-sp * c, -sp * s, cp)
@@ -185,7 +185,7 @@ class Robot(Section):
         between the axes, d = R - r between them, the sphere's centre is d·tan φ/tan γ from the
         wheel's middle (Gfrerer, Geometry and kinematics of the Mecanum wheel, 2008).
 
-        R is taken along the axle where it is more, as a margin for what may come to touch.
+        Along the axle, R is used if it is larger, as a margin for contacts.
         """
         radius, thickest = self.wheels.radius_m, self.rollers.max_radius_m
         end = math.tan(math.pi / self.rollers.count) / math.tan(self.roller_angle)
@@ -200,7 +200,7 @@ class Robot(Section):
 
     @property
     def height(self) -> float:
-        """Height of its highest point above the ground [m]."""
+        """Height of the robot's highest point above the ground [m]."""
         tops = [self.base.clearance_m + self.base.height_m, 2.0 * self.wheels.radius_m]
         for part in (self.camera, self.lidar, self.payload):
             if part is not None:
@@ -216,8 +216,8 @@ class Robot(Section):
     def cross_gain(self) -> float:
         """Speed of a wheel's rim per speed of the robot to the side: ±cot γ.
 
-        γ is the angle between the axes of roller and wheel. It is negative where the rollers
-        are arranged as an O.
+        γ is the angle between the axes of roller and wheel. The gain is negative if the rollers are
+        arranged as an O.
         """
         sign = 1.0 if self.rollers.arrangement == "X" else -1.0
         # tan 45° is not quite 1 in floating point

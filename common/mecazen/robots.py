@@ -16,7 +16,7 @@ def join_key(part: str, robot: str) -> str:
 
 
 def split_key(key: str, robots: Container[str]) -> tuple[str, str]:
-    """Split a key into the name of its robot, if it is one of these, and the key within.
+    """Split a key into the name of its robot, if it is one of `robots`, and the rest.
 
     >>> split_key("two/odom", {"one", "two"})
     ('two', 'odom')
@@ -26,5 +26,5 @@ def split_key(key: str, robots: Container[str]) -> tuple[str, str]:
 
 
 def seed_of(seed: int, name: str) -> int:
-    """Return the seed of the robot `name` in a run of `seed`: another for each robot."""
+    """Return the seed of the robot `name` in a run of `seed`; it differs for each robot."""
     return zlib.crc32(f"{seed}/{name}".encode()) if name else seed

@@ -1,4 +1,4 @@
-"""From a lidar's scan to things: the points of each, and which things are a person's legs."""
+"""Groups the points of a lidar's scan into things, and things that are legs into persons."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Indices = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
 
 LEG_M = 0.25
-"""Greatest width of a leg, with what it wears."""
+"""Greatest width of a leg, with clothes."""
 BOTH_LEGS_M = 0.5
 """Greatest width of two legs that stand together."""
 STRIDE_M = 0.9
@@ -23,15 +23,15 @@ STRIDE_M = 0.9
 
 
 class Things:
-    """The points of a scan, thing by thing.
+    """The points of a scan, grouped by thing.
 
     Attributes:
-        xy: Places of the points (n, 2) [m].
-        starts: Where each of k things begins among the points (k).
-        counts: Points of each thing (k).
-        of: The thing of each point (n).
+        xy: Positions of the points (n, 2) [m].
+        starts: Index of the first point of each of k things (k).
+        counts: Number of points of each thing (k).
+        of: Index of the thing of each point (n).
         middle: Mean of each thing's points (k, 2) [m].
-        width: Twice the distance of its farthest point from that (k) [m].
+        width: Twice the distance of the thing's farthest point from its middle (k) [m].
     """
 
     def __init__(self, xy: Floats, starts: Indices) -> None:
@@ -48,7 +48,7 @@ class Things:
 
 
 def hits(scan: LaserScan, ranges: Floats, farthest_m: float = math.inf) -> tuple[Floats, Indices]:
-    """Return what a scan hits up to a range (n, 2) [m], in the lidar's frame, and each beam (n)."""
+    """Return the points hit up to a range (n, 2) [m], in the lidar's frame, and their beams (n)."""
     most = min(scan.range_max, farthest_m)
     (beams,) = np.nonzero((ranges >= scan.range_min) & (ranges <= most))
     angles = scan.angle_min + scan.angle_increment * beams
@@ -56,14 +56,14 @@ def hits(scan: LaserScan, ranges: Floats, farthest_m: float = math.inf) -> tuple
 
 
 def clusters(xy: Floats, beams: Indices, count: int, gap_m: float) -> tuple[Floats, Indices]:
-    """Return the points thing by thing, and where each thing begins.
+    """Return the points grouped by thing, and the index at which each thing begins.
 
-    The scan is a circle: a thing that ends with the first beams begins with the last.
+    The scan is a circle: a thing may begin with the last beams and end with the first.
 
     Args:
         xy: Points in the order of their beams (n, 2) [m].
-        beams: The beam of each (n).
-        count: Beams of the scan.
+        beams: Index of the beam of each point (n).
+        count: Number of beams of the scan.
         gap_m: Neighbouring points that are farther apart belong to different things.
     """
     if not len(xy):
@@ -76,12 +76,12 @@ def clusters(xy: Floats, beams: Indices, count: int, gap_m: float) -> tuple[Floa
 
 
 def by_person(places: Sequence[Sequence[float]], legs: Flags, both: Flags) -> list[list[int]]:
-    """Return the things that belong to one person each, every thing once.
+    """Group things by person: return the indices of each person's things, each thing once.
 
     Args:
         places: Middles of all things (k, 2) [m].
-        legs: Which may be a leg (k); the two nearest to each other are one person's.
-        both: Which may be two legs that stand together (k).
+        legs: Whether a thing may be a leg (k); the two nearest to each other are one person's.
+        both: Whether a thing may be two legs that stand together (k).
     """
     single = np.flatnonzero(legs).tolist()
     pairs = sorted(_near(places, single))
@@ -94,6 +94,6 @@ def by_person(places: Sequence[Sequence[float]], legs: Flags, both: Flags) -> li
 
 
 def _near(places: Sequence[Sequence[float]], of: Sequence[int]) -> list[tuple[float, int, int]]:
-    """Return the pairs within a stride, with their distances [m]."""
+    """Return the pairs of things within a stride, with their distances [m]."""
     pairs = ((math.dist(places[i], places[j]), i, j) for i in of for j in of if j < i)
     return [pair for pair in pairs if pair[0] <= STRIDE_M]

@@ -10,9 +10,9 @@ import msgspec
 FieldT = TypeVar("FieldT")
 
 LIVE = "live"
-"""Names in `Meta.extra` that a field may change while a simulation runs."""
+"""Key in `Meta.extra` of the fields that may change while a simulation runs."""
 Live = Annotated[FieldT, msgspec.Meta(extra={LIVE: True})]
-"""Such a field: `standoff_m: Live[Positive] = 1.0`."""
+"""Type of such a field: `standoff_m: Live[Positive] = 1.0`."""
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
@@ -22,7 +22,7 @@ AngleDeg = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 
 
 class Folder(PosixPath):
-    """A path to a folder; a plain `Path` in a configuration is one to a file."""
+    """A path to a folder; a plain `Path` in a configuration is a path to a file."""
 
 
 class Output(PosixPath):

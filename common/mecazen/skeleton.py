@@ -1,9 +1,8 @@
 """The body of a person as joints and limbs: one order, one hierarchy and one shape for all people.
 
-Physics, sensors, viewer and scores all read it, so what a lidar hits is what a robot bumps into.
-Names follow `hri_msgs/Skeleton2D` (left_shoulder, right_knee, ...); pelvis and spine, which it
-does not have, are named as in REP-155's `waist` and `torso` links are meant: the root, and the
-middle of the trunk.
+Physics, sensors, viewer and scores all use this body, so a lidar hits what a robot touches. Names
+follow `hri_msgs/Skeleton2D` (left_shoulder, right_knee, ...), which has no pelvis and no spine.
+These two correspond to REP-155's links `waist` and `torso`: the root, and the middle of the trunk.
 """
 
 from __future__ import annotations
@@ -32,20 +31,20 @@ JOINTS = tuple(PARENTS)
 """All joints, in the order of every array of joints: 4 of the trunk, then 8 of each side."""
 
 INDEX = {name: number for number, name in enumerate(JOINTS)}
-"""The place of each joint in `JOINTS`."""
+"""The index of each joint in `JOINTS`."""
 
 ANGLES = tuple(f"{side}_{joint}" for side in SIDES for joint in ("hip", "knee", "ankle"))
 """Joints whose sagittal angle is measured: flexion and dorsiflexion are positive [rad]."""
 
 
 class Limb(NamedTuple):
-    """A capsule between two joints; of one joint alone it is a sphere."""
+    """A capsule between two joints; a sphere if both are the same joint."""
 
     name: str
     begin: str
     end: str
     radius: float
-    """As a share of the body's height."""
+    """Radius as a share of the body's height."""
 
 
 LIMBS = (

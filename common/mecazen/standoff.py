@@ -19,8 +19,8 @@ class Errors(NamedTuple):
 class Standoff(NamedTuple):
     """A place beside a person, in the person's own frame (x ahead, y to the left).
 
-    Distance [m] and direction from the person to the robot [rad], where 0 is ahead and pi/2 to the
-    left, and the robot's heading minus the person's [rad].
+    `distance` [m] and `bearing` [rad] lead from the person to the robot; the bearing is 0 ahead and
+    pi/2 to the left. `heading` is the robot's heading minus the person's [rad].
     """
 
     distance: float

@@ -1,4 +1,4 @@
-"""Text that others have sent, for a terminal, and the unknown fields of their messages."""
+"""Prepares received text for a terminal, and finds the unknown fields of received messages."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ NAME_CHARACTERS = 60
 
 
 def printable(text: str) -> str:
-    """Return text with JSON's escapes for what moves a cursor, hides, or turns the line round.
+    """Return text with JSON's escapes for characters that move a cursor, hide, or reverse a line.
 
-    In JSON it stays the same value.
+    As JSON, the escaped text has the same value.
     """
     if text.isprintable():
         return text
@@ -24,7 +24,7 @@ def printable(text: str) -> str:
 
 
 def shortened(name: str) -> str:
-    """Return a name for a terminal, of which too much is left out."""
+    """Return a name for a terminal, cut to `NAME_CHARACTERS`."""
     cut = name if len(name) <= NAME_CHARACTERS else f"{name[:NAME_CHARACTERS]}…"
     return printable(cut)
 

@@ -7,14 +7,14 @@ import math
 from mecazen.errors import ConfigError
 
 ROUNDING_S = 1e-9
-"""Times are sums of ticks: one that is as long as a limit may differ from it in the last bit."""
+"""Tolerance for times, which are sums of ticks: a sum may differ from a limit in the last bit."""
 
 
 def ticks_per_sample(key: str, rate_hz: float, tick_s: float) -> int:
     """Return the ticks from one sample to the next at a rate.
 
     Raises:
-        ConfigError: It does not divide the tick rate; the message names `key`.
+        ConfigError: The rate does not divide the tick rate; the message names `key`.
     """
     ratio = 1.0 / (tick_s * rate_hz)
     ticks = round(ratio)
@@ -31,7 +31,7 @@ def whole_ticks(key: str, seconds: float, tick_s: float) -> int:
     """Return `seconds` in ticks.
 
     Raises:
-        ConfigError: It is not a whole number of ticks; the message names `key`.
+        ConfigError: The time is not a whole number of ticks; the message names `key`.
     """
     ticks = round(seconds / tick_s) if math.isfinite(seconds) else 0
     is_whole = abs(ticks * tick_s - seconds) <= 1e-9 * max(1.0, ticks * tick_s)

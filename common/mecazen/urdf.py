@@ -49,14 +49,14 @@ class Joint(NamedTuple):
     origin: Origin
     """The child's frame in the parent's, at position 0."""
     axis: Vector | None
-    """Axis in the child's frame, about which it turns; None for a fixed joint."""
+    """Axis in the child's frame, about which the joint turns; None for a fixed joint."""
 
 
 class Urdf(NamedTuple):
-    """A robot."""
+    """The links and joints of a robot."""
 
     visuals: Mapping[str, Visual]
-    """By link; only links that have one."""
+    """Visuals by link; only of links that have one."""
     joints: tuple[Joint, ...]
 
 
@@ -64,7 +64,7 @@ def read(text: str) -> Urdf:
     """Return the robot that `text` describes.
 
     Raises:
-        RefusedError: It is not a URDF.
+        RefusedError: The text is not a URDF.
     """
     try:
         # expat limits the expansion of entities, the usual attack by XML
@@ -113,7 +113,7 @@ def _visual(visual: ET.Element, colours: Mapping[str | None, tuple[float, ...]])
 
 
 def read_origin(element: ET.Element) -> Origin:
-    """Return the frame of an element, which it has by default at its parent's."""
+    """Return the origin of an element; by default it is the frame of the parent."""
     origin = element.find("origin")
     return Origin() if origin is None else Origin(_vector(origin, "xyz"), _vector(origin, "rpy"))
 

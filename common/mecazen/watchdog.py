@@ -1,4 +1,4 @@
-"""The wheels' watchdog: what the motors obey while commands come, and once they stay away."""
+"""The wheels' watchdog: passes commands to the motors, and brakes once no commands arrive."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class WheelCommand(NamedTuple):
 
 
 _of_wheels = itemgetter(*WHEEL_JOINTS)
-"""Takes the four wheels' values, in their order, from those of any joints by name."""
+"""Takes the values of the four wheels, in their order, from values of joints by name."""
 
 
 def wheel_command(joints: JointState) -> WheelCommand:

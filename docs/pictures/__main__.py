@@ -1,6 +1,6 @@
 """Makes the pictures of the documents that `make results` does not make.
 
-Run from the repository by `make pictures`, which takes a few by their names: ONLY="hero viewer".
+Run from the repository by `make pictures`, or for some pictures: ONLY="hero viewer".
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "senses.png": partial(viewer.scene, scenario="senses", at_s=7.0),
     "viewer.png": partial(viewer.views, scenario="side", at_s=37.0),
 }
-"""The function that draws each picture, by its place in docs/."""
+"""The function that draws each picture, by its path in docs/."""
 
 
 def main(names: list[str]) -> None:

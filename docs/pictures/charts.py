@@ -1,4 +1,4 @@
-"""Charts of published figures: Table II, engines by cost and error, and runs of its cases."""
+"""Charts of published results: Table II, runs of its cases, and engines by cost and error."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ VARIANTS = {
 """Colour and label of each column of Table II."""
 CELL = re.compile(r"([\d.]+)(?: \(([\d.]+)–([\d.]+)\))?")
 MISS = 0.2
-"""Share of the published figure from which on ours has missed it."""
+"""Relative difference from the published figure beyond which ours is marked as missed."""
 BEST: dict[str, Any] = {"color": GREEN, "linewidth": 0.9, "zorder": 4.0}
 ARROW_EVERY_S, ARROW_M = 6.0, (0.7, 0.09)
 ENGINES = {"mecazen": BLUE, "MuJoCo": ORANGE, "Gazebo": GREY}
@@ -50,7 +50,7 @@ COSTS, ERRORS = (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2), (0.1, 0.2, 0.5, 1, 2, 5, 10, 
 
 
 class Cell(NamedTuple):
-    """A figure and its interval; NaN: it has none."""
+    """A figure and its interval; NaN without an interval."""
 
     value: float
     low: float

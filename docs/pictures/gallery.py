@@ -1,4 +1,4 @@
-"""Single pictures: sensors side by side, the planner's way, several robots, and places."""
+"""Single pictures: sensors side by side, the planner's paths, several robots, and worlds."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FARTHEST_MM = 5000.0
 
 
 def sensors(file: Path) -> None:
-    """Draw what lidar, body tracker and depth camera see at one moment."""
+    """Draw the data of lidar, body tracker and depth camera at one moment."""
     settings: dict[str, Any] = {"sensor.also": ["depth"]}
     scenario, (moment,) = record("senses", [SENSES_S], **settings)
     robot, camera = scenario.robot, scenario.robot.camera
@@ -80,7 +80,7 @@ def _depth(image: m.Image) -> Image.Image:
 
 
 def planner(file: Path) -> None:
-    """Draw the ways between which the planner chooses among people."""
+    """Draw the paths from which the planner chooses, among people."""
     settings: dict[str, Any] = {"follower.planner": {}, "programs.follower": planning.PROGRAM}
     scenario, (moment,) = record("crowd", [PLANNED_S], **settings)
     stage = scene.from_above(moment.robot.x + 0.6, moment.robot.y + 0.7, SIZE_PX, 5.6)
@@ -132,7 +132,7 @@ def convoy(file: Path) -> None:
 
 
 def places(file: Path) -> None:
-    """Draw the places of configs/worlds, their walls cut off."""
+    """Draw the worlds of configs/worlds, with their walls cut off."""
     folder = scenario_path("back").parents[1] / "worlds"
     files = sorted(folder.glob("*.toml"))
     panel, gap = (300, 230), 6

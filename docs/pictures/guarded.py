@@ -17,12 +17,12 @@ from docs.pictures.runs import FOLLOWED, Moment, record
 
 TRAIL_S = 0.1
 HEAD_M = 0.3
-"""How far the middle is behind the feet, so that heads are in the picture."""
+"""Offset of the picture's middle behind the feet, so that heads are in the picture."""
 PANEL_PX, GAP_PX = (300, 260), 6
 
 
 class Situation(NamedTuple):
-    """A run of the experiment, and what is shown of it."""
+    """A run of the experiment, and the shown part of it."""
 
     case: str
     driver: str
@@ -30,7 +30,7 @@ class Situation(NamedTuple):
     times_s: tuple[float, ...]
     """Times of the panels."""
     middle_m: tuple[float, float] | None
-    """Middle of each panel; None: between robot and person."""
+    """Middle of each panel; None for the middle between robot and person."""
     width_m: float
     """Width of each panel."""
 
@@ -67,7 +67,7 @@ def one(file: Path, name: str, time_s: float, size: tuple[int, int]) -> None:
 
 
 def draw(name: str, times_s: Sequence[float], size: tuple[int, int]) -> list[Image.Image]:
-    """Return moments of a situation, with the robot's way until then."""
+    """Return pictures of moments of a situation, with the robot's path until then."""
     situation = SITUATIONS[name]
     ticks = range(1, round(max(times_s) / TRAIL_S) + 1)
     scenario, moments = record(situation.load(), [k * TRAIL_S for k in ticks])

@@ -16,7 +16,7 @@ FROM_S, FOR_S, PER_S = 3.0, 8.0, 10
 """The part of the run that is shown, and frames per second."""
 SIZE_PX, VIEW_DEG = (600, 338), 44.0
 EYE_M, AT_M = (-2.6, -4.5, 2.3), (0.1, 0.0, 0.68)
-"""Place of the camera and the point it looks at, from the middle between robot and person."""
+"""Position of the camera and the point it looks at, relative to the middle of robot and person."""
 QUALITY = 80
 """Quality of the compression: lines stay sharp, and the file is smaller than a GIF."""
 LEGEND = (
@@ -46,7 +46,7 @@ def draw(file: Path) -> None:
 
 
 def middle(moment: Moment) -> Array:
-    """Return the middle between robot and person (2,) [m]."""
+    """Return the point midway between robot and person (2,) [m]."""
     person = moment.people[FOLLOWED][0, :2]
     halves: Array = 0.5 * np.array((person, moment.robot[:2]))
     both: Array = halves[0] + halves[1]

@@ -1,4 +1,4 @@
-"""A run seen obliquely from above: ground, robot, people, and what the robot's sensors see."""
+"""Draws a run obliquely from above: ground, robot, people, and sensor data."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ _CIRCLE = np.linspace(0.0, math.tau, 33)
 
 
 class Camera:
-    """A camera in perspective: points in world [m] to places in a picture [px].
+    """A perspective camera: projects points in world [m] to positions in a picture [px].
 
     Args:
-        eye: Place of the camera [m].
+        eye: Position of the camera [m].
         at: Point in the middle of the picture [m].
         size: Width and height of the picture [px].
         view_deg: Horizontal field of view.
@@ -68,7 +68,7 @@ class Camera:
         return depths
 
     def project(self, points: Array) -> Array:
-        """Return places (..., 2) [px] of points (..., 3); NaN behind the camera."""
+        """Return the projections (..., 2) [px] of points (..., 3); NaN behind the camera."""
         off, depth = points - self.eye, self.depth(points)
         depth = np.where(depth > 0.05, depth, np.nan)
         x = self.size[0] / 2.0 + self._focal * (off @ self._right) / depth
@@ -81,7 +81,7 @@ class Camera:
 
 
 class Stage:
-    """A picture in the making: each thing is drawn over those before it."""
+    """A picture under construction: each object is drawn over the previous ones."""
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
@@ -131,7 +131,7 @@ class Stage:
         self.axes.plot(xy[:, 0], xy[:, 1], ".", color=color, zorder=self.next(), **look)
 
     def next(self) -> int:
-        """Return the layer above all things so far."""
+        """Return the next layer, above all objects so far."""
         self._order += 1
         return self._order
 
@@ -149,7 +149,7 @@ class Stage:
         self.fill(_ring(Pose2D(x, y), radius, 0.0), color, **look)
 
     def seen(self, ends: Array) -> None:
-        """Fill what a lidar looks over, up to the ends of its beams on the ground (n, 3)."""
+        """Fill the area that a lidar scans, up to the ends of its beams on the ground (n, 3)."""
         self.fill(ends[self.camera.depth(ends) > 0.3], SEEN)
 
     def body(self, joints: Array, look: Sequence[str], height: float = 1.75) -> None:
@@ -159,7 +159,7 @@ class Stage:
             kind = next((part for name, part in _PART.items() if limb.name.endswith(name)), None)
             if kind is not None:
                 ends = joints[[INDEX[limb.begin], INDEX[limb.end]]]
-                ends[1, 2] += 1e-3  # a sphere is a line of almost no length
+                ends[1, 2] += 1e-3  # a sphere is drawn as a line of almost no length
                 width = 2.0 * limb.radius * height * self.camera.scale(ends.mean(axis=0))
                 parts.append((ends, partial(self.line, ends, look[kind], width)))
         self.far_to_near(parts)
@@ -189,7 +189,7 @@ class Stage:
         color: Sequence[float],
         **look: Any,
     ) -> None:
-        """Draw a box whose middle is at a pose, with its faces shaded."""
+        """Draw a box centred at a pose, with shaded faces."""
         xy = np.tile(_CORNERS * size[:2], (2, 1))
         z = bottom + np.repeat((0.0, size[2]), 4)
         points = at(pose, xy[:, 0], xy[:, 1], z)
@@ -214,7 +214,7 @@ class Stage:
         self.fill(_ring(pose, radius, high), top)
 
     def robot(self, robot: Robot, pose: Pose2D, turned: Sequence[float]) -> None:
-        """Draw a robot whose wheels have turned by some angles [rad]."""
+        """Draw a robot with wheels at the angles `turned` [rad]."""
         base, camera, lidar = robot.base, robot.camera, robot.lidar
         wheels = [
             (at(pose, *robot.wheel_position(name)), partial(self._wheel, robot, pose, name, angle))
@@ -255,26 +255,26 @@ class Stage:
         self.fill(middle + 0.35 * (near - middle), LIGHT_METAL)
 
     def outline(self, pose: Pose2D, half: Sequence[float], color: Any, width_px: float) -> None:
-        """Draw a rectangle of half a length and width [m] on the ground, with a mark ahead."""
+        """Draw a rectangle of half length and width `half` [m] on the ground, with a mark ahead."""
         corners = np.vstack((_CORNERS, _CORNERS[:1])) * 2.0 * half
         self.line(at(pose, corners[:, 0], corners[:, 1], 0.0), color, width_px)
         self.line(at(pose, half[0] * np.array((0.0, 1.5)), 0.0, 0.0), color, width_px)
 
     def far_to_near(self, things: Iterable[tuple[Array, Draw]]) -> None:
-        """Draw things with places (..., 3) from the farthest to the nearest."""
+        """Draw objects with positions (..., 3) from the farthest to the nearest."""
         for _, draw in sorted(things, key=lambda thing: -float(self.camera.depth(thing[0]).mean())):
             draw()
 
 
 def at(pose: Pose2D, x: Any, y: Any, z: Any) -> Array:
-    """Return points of a planar frame in world (..., 3) [m]."""
+    """Transform points of a planar frame to world (..., 3) [m]."""
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     x, y, z = np.broadcast_arrays(x, y, z)
     return np.stack((pose.x + c * x - s * y, pose.y + s * x + c * y, z), axis=-1)
 
 
 def beams(scan: m.LaserScan, lidar: Sequence[float], robot: Pose2D) -> tuple[Array, Array]:
-    """Return where beams hit (k, 3) at the lidar's height, and where all end on the ground."""
+    """Return the hits of beams (k, 3) at the lidar's height, and all ends on the ground."""
     ranges = np.array(scan.ranges)
     hit = (ranges >= scan.range_min) & (ranges <= scan.range_max)
     ends = np.where(hit, ranges, scan.range_max)

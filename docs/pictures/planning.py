@@ -1,4 +1,4 @@
-"""A follower that also publishes the ways between which its planner has chosen."""
+"""A follower that also publishes the paths from which its planner has chosen."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ PROGRAM = f"{Path(__file__)}:PlanningFollower"
 
 
 class Ways(Message):
-    """Ways as points from the robot, along odom's axes, one way after the other."""
+    """Paths as points relative to the robot, along odom's axes, one path after the other."""
 
     ROS_TYPE = "mecazen_pictures/msg/Ways"
     x: tuple[Float, ...] = ()
     y: tuple[Float, ...] = ()
     count: int = 0
-    """Number of ways."""
+    """Number of paths."""
     chosen: int = 0
-    """Index of the way that the robot drives."""
+    """Index of the path that the robot drives."""
 
 
 WAYS = Topic("follower/ways", Ways, "ways between which the planner has chosen")
 
 
 class PlanningFollower(FollowerNode):
-    """The follower with its planner."""
+    """The follower with its planner, which publishes the planner's paths."""
 
     ROW = replace(FollowerNode.ROW, outputs=(*FollowerNode.ROW.outputs, WAYS))
 
@@ -54,7 +54,7 @@ class PlanningFollower(FollowerNode):
         planner.search = keep
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the outputs of the follower, and ways in ticks that bring some."""
+        """Return the outputs of the follower, and paths in ticks with a new plan."""
         outputs = super().step(tick, inputs)
         new, self._new = self._new, None
         return outputs if new is None else {WAYS: new, **outputs}

@@ -1,4 +1,4 @@
-"""Wheels close up, with every roller and the forces of the ground, as physics computes them."""
+"""Wheels close up, with every roller and the contact forces from the physics."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STEPS = 40
 SIZE_PX = 640, 426
 LIGHT = np.array((0.35, 0.45, 0.82))
 M_PER_N = 0.0028
-"""Length of an arrow by its force."""
+"""Length of an arrow per force [m/N]."""
 ROLLER, HUB, BODY = (0.36, 0.42, 0.49), (0.80, 0.83, 0.87), (0.98, 0.80, 0.36)
 LEGEND = (("normal force", oblique.BLUE), ("friction, along the axis of a roller", oblique.RED))
 
@@ -40,7 +40,7 @@ class Contact(NamedTuple):
     normal: Array
     """The vertical part of the ground's force on the roller [N]."""
     friction: Array
-    """The horizontal part [N]."""
+    """The horizontal part of this force [N]."""
 
 
 def draw(file: Path) -> None:
@@ -67,7 +67,7 @@ def draw(file: Path) -> None:
 
 
 def accelerated(robot: Robot) -> Simulation:
-    """Return a robot that has accelerated to its left from rest."""
+    """Return the simulation of a robot that has accelerated to its left from rest."""
     simulation = Simulation([(robot, Pose2D(0.0, 0.0))], PhysicsConfig())
     simulation.advance([WheelCommand(TORQUES_NM, is_effort=True)], STEPS)
     return simulation
@@ -81,7 +81,7 @@ def contacts(simulation: Simulation) -> list[Contact]:
     found = []
     for contact in scene.dart.getLastCollisionResult().getContacts():
         force = to_world @ contact.force
-        force *= math.copysign(1.0, force[2])  # the ground pushes
+        force *= math.copysign(1.0, force[2])  # the force of the ground points upwards
         up = np.array((0.0, 0.0, force[2]))
         found.append(Contact(to_world @ contact.point, up, force - up))
     return found
@@ -121,7 +121,7 @@ def _wheel(stage: Stage, robot: Robot, pose: Pose2D, name: str, angle: float) ->
 
 
 def _surface(stage: Stage, faces: Array, colors: Array) -> None:
-    """Draw the triangles (n, 3, 3) of a surface that look to the camera, shaded."""
+    """Draw the triangles (n, 3, 3) of a surface that face the camera, shaded."""
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     middles = faces.mean(axis=1)

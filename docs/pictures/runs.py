@@ -1,4 +1,4 @@
-"""Moments of a run: the truth about robots and people, and the newest messages."""
+"""Moments of a run: true poses of robots and people, and the newest messages."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FOLLOWED = "target"
 TOPICS = SCAN, FOLLOWER_STATE, GUARD_STATE, JOINT_STATES, DEPTH, WAYS
 KEPT = tuple(topic.key for topic in TOPICS)
 LATE_S = 0.3
-"""More than the latency of the camera."""
+"""Extra simulated time, more than the latency of the camera."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Moment:
 
     time_s: float
     robot: Pose2D
-    """Its true pose in world."""
+    """The robot's true pose in world."""
     people: dict[str, Array]
     """True joints (20, 3) in world [m] by name; the robot follows `FOLLOWED`."""
     latest: dict[str, Any]
@@ -65,7 +65,7 @@ def record(
     times: Sequence[float],
     **settings: Any,
 ) -> tuple[Scenario, list[Moment]]:
-    """Simulate a scenario; return it and its moments at some times [s]."""
+    """Simulate a scenario; return the scenario and its moments at some times [s]."""
     poses: dict[int, Pose2D] = {}
     frames: dict[int, m.Skeletons] = {}
     found = []

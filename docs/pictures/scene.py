@@ -1,4 +1,4 @@
-"""A moment of a run on a stage: places, robot and people, and what the robot sees."""
+"""Draws a moment of a run on a stage: world, robot, people, and sensor data."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ GUARD = {
 
 
 def from_above(x: float, y: float, size: tuple[int, int], width_m: float) -> Stage:
-    """Return a stage that is seen steeply from above, about as wide as `width_m`."""
+    """Return a stage with a steep view from above, about as wide as `width_m`."""
     eye, view_deg = np.array((0.0, -0.55, 1.0)) * 1.2 * width_m, 40.0
     return Stage(Camera(eye + (x, y, 0.0), (x, y, 0.0), size, view_deg))  # noqa: RUF005  # arrays
 
@@ -43,7 +43,7 @@ def draw(
     middle: Sequence[float],
     way: Sequence[Pose2D] = (),
 ) -> None:
-    """Draw a moment, with a grid round the middle (2,) [m], and where the robot has been."""
+    """Draw a moment, with a grid round the middle (2,) [m], and the robot's past path."""
     robot = scenario.robot
     hits, ends = beams(moment.latest["scan"], robot.lidar.position_m, moment.robot)
     stage.seen(ends)
@@ -63,7 +63,7 @@ def draw(
 
 
 def bones(stage: Stage, moment: Moment) -> None:
-    """Draw the bodies that the tracker sees."""
+    """Draw the bodies that the tracker reports."""
     for seen in moment.bones:
         x, y, z = joints(seen.joints).T
         known = seen.confidence or (2,) * len(x)
@@ -94,7 +94,7 @@ def bodies(
 
 
 def solids(stage: Stage, world: WorldConfig, cut_m: float = CUT_M) -> list[tuple[Array, Draw]]:
-    """Return what stands in a place, cut off at a height, to be drawn from far to near."""
+    """Return the obstacles of a world, cut off at a height, to be drawn from far to near."""
     things: list[tuple[Array, Draw]] = []
     for solid in world.solids:
         high = min(solid.size_m[-1], cut_m)
@@ -112,7 +112,7 @@ def solids(stage: Stage, world: WorldConfig, cut_m: float = CUT_M) -> list[tuple
 
 
 def _pieces(pose: Pose2D, length: float, width: float) -> Iterator[tuple[Pose2D, float, float]]:
-    """Yield short pieces of a rectangle: a long wall is before one thing and behind another."""
+    """Yield short pieces of a rectangle: a long wall is in front of one object, behind another."""
     n, m = max(1, round(length / PIECE_M)), max(1, round(width / PIECE_M))
     for i, j in product(range(n), range(m)):
         x, y = length * ((i + 0.5) / n - 0.5), width * ((j + 0.5) / m - 0.5)
@@ -120,7 +120,7 @@ def _pieces(pose: Pose2D, length: float, width: float) -> Iterator[tuple[Pose2D,
 
 
 def badge(stage: Stage, moment: Moment) -> None:
-    """Write the guard's state into a corner, and a time."""
+    """Write the guard's state and the time into the corners."""
     state = str(moment.latest["guard/state"].state)
     height = stage.camera.size[1]
     text = f"{moment.time_s:.1f} s"

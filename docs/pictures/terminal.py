@@ -24,20 +24,20 @@ FONT_PX, WIDTH_PX, LINE_PX, EDGE_PX = 12, 890, 16, 10
 FONT = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSansMono.ttf"
 UP, STATUS, TELEOP = ("up", "teleop", "--no-viewer"), ("status",), ("teleop",)
 SHOWN_S, STEP_S = 4.0, 0.2
-"""Time for which a whole output is shown, and between two pictures of a hand on the keys."""
+"""Time for which a whole output is shown, and time between two pictures of teleoperation."""
 RUN_S = 3.0
-"""Time after which every service has heard of the others."""
+"""Time after which every service has discovered the others."""
 STEPS, RELEASED = 30, 24
-"""Pictures of a hand on the keys; the key is released at the second number."""
+"""Number of pictures of teleoperation; the key is released at the second number."""
 KEY_S = 0.05
-"""Between two repeats of a key."""
+"""Time between two repeats of a key."""
 GUARD_S = 60.0
-"""Far beyond what any command takes."""
+"""Timeout, far longer than any command needs."""
 READY, LAST = "vx ", "Ctrl-C ends"
 ASKED, PLACE = b"\x1b[6n", b"\x1b[1;1R"
-"""Where is the cursor, and the answer of any terminal."""
+"""Request for the position of the cursor, and a terminal's answer."""
 REPLACES = "\r\x1b[2K\x1b[1A\x1b[2K"
-"""Begins an output in the place of the last one."""
+"""Control sequence at the beginning of an output that replaces the last one."""
 SEQUENCE = re.compile(r"\x1b(?:\[[0-9;?>]*[A-Za-z]|P[^\x1b]*\x1b\\)|\r")
 
 
@@ -87,7 +87,7 @@ def _start(*arguments: str, terminal: int | None = None) -> subprocess.Popen[byt
 
 
 def _public(line: str, where: Sequence[str]) -> str:
-    """Return a line as it is printed by a run at the default port."""
+    """Return a line in the form that a run at the default port prints."""
     _, endpoint, _, _ = where
     line = line.replace(" " + " ".join(where), "").replace(f"{where[3]}/", "")
     return line.replace(endpoint, "tcp/127.0.0.1:7447").replace(f"{Path.cwd()}/", "")

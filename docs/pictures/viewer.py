@@ -1,4 +1,4 @@
-"""Pictures of the viewer: its views of scenarios without its frame, and plots on white."""
+"""Pictures of the viewer: views of scenarios without the window's frame, and plots on white."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 START_S = 30.0
-"""Longer than any process is silent while all start."""
+"""Timeout, longer than the silence of any process while all start."""
 DROPPED_BITS = 0b11
-"""Bits of each colour that are set: they are invisible and make a fifth of the file."""
+"""Bits of each colour that are set to 1: they are invisible, and this reduces the file to a
+fifth."""
 WINDOW_PX = 2400, 1500
 SCENE, ABOVE = "following", "from above"
 SCENE_PX, ABOVE_PX, GAP_PX = (1000, 580), (494, 580), 6
@@ -34,7 +35,7 @@ PLOTS_PX, DPI = (1500, 300), 100.0
 PLOTTED_S = 30.0
 PURPLE = PALETTE[3]
 WIDE = {"font.size": 13.0, "axes.linewidth": 1.0, "lines.linewidth": 1.6, "grid.linewidth": 0.6}
-"""Larger than in print: the picture is shown at half its size."""
+"""Style with larger text than in print: the picture is shown at half its size."""
 
 
 def scene(file: Path, scenario: str, at_s: float) -> None:
@@ -76,7 +77,7 @@ def _shown(scenario: str, at_s: float) -> Iterator[ViewerClient]:
             while shown_s < at_s:
                 viewer.take_screenshot(
                     max_size=64
-                )  # each picture lets the viewer take what has come
+                )  # each screenshot lets the viewer process incoming data
                 supervisor.poll(0.0)
                 for recording in viewer.get_state().recordings:
                     shown_s = (recording.current_time or 0) / 1e9
@@ -87,7 +88,7 @@ def _shown(scenario: str, at_s: float) -> Iterator[ViewerClient]:
 
 
 def _view(viewer: ViewerClient, name: str, size: tuple[int, int]) -> Image.Image:
-    """Return the middle of a view, as large as possible."""
+    """Return the middle of a view, in the largest crop with this aspect ratio."""
     (view,) = (view for view in viewer.get_state().views if view.name == name)
     taken = Image.open(io.BytesIO(viewer.take_screenshot(view.view_id))).convert("RGB")
     scale = min(taken.width / size[0], taken.height / size[1])

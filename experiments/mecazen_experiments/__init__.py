@@ -1,1 +1,1 @@
-"""Experiments: scenarios run many times, scored, and made into tables and figures."""
+"""Experiments: run scenarios many times, score them, and make tables and figures."""

@@ -1,6 +1,6 @@
-"""The error budget: which part of the following errors comes from control, which from estimation.
+"""The error budget: the parts of the following errors from control and from estimation.
 
-docs/results.md tells what the oracle and the smoother show.
+docs/results.md explains the oracle and the smoother.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ BOUND = Kind("bound", Record[dict[str, float]], _measure, dict)
 
 
 def sights(scenario: Scenario, table: Table) -> tuple[list[Sight], Poses]:
-    """Return what a run's follower saw, in odom, and the person's true poses at these times.
+    """Return the observations of a run's follower, in odom, and the true poses at these times.
 
     The sensor is evaluated again: its noise comes from the seed. The true person is placed in
     odom by the robot's odometry, as in `scores.score`.
@@ -76,7 +76,7 @@ def sights(scenario: Scenario, table: Table) -> tuple[list[Sight], Poses]:
 
 
 def budget(runs: Row[Scores], oracle: Row[Scores], bounds: Row[dict[str, float]]) -> Row[Scores]:
-    """Return the budget of a case: the errors of its runs, of the oracle's and of smoothing."""
+    """Return the budget of a case: the errors of the runs, of the oracle and of smoothing."""
     means = {
         "d_err_m": runs.means["d_err_m"],
         "control_d_err_m": oracle.means["d_err_m"],

@@ -1,4 +1,4 @@
-"""One walk as the robot records it: the true joints, and those that its body tracker reports."""
+"""One recorded walk: the true joints, and the joints that the robot's body tracker reports."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ SEEN = 2
 
 
 class Motion(NamedTuple):
-    """Joints over time, at a constant rate, in a frame that is fixed and level; the floor is z = 0.
+    """Joints over time, in a fixed, level frame; the floor is at z = 0.
 
-    Where no body was reported, joints are NaN and confidence is 0.
+    In frames without a reported body, joints are NaN and confidence is 0.
     """
 
     t: Floats
@@ -31,15 +31,15 @@ class Motion(NamedTuple):
     joints: Floats
     """Positions (n, 20, 3) [m], in the order of `mecazen.skeleton.JOINTS`."""
     std: Floats
-    """Reported standard deviation of each (n, 20) along any axis [m]."""
+    """Reported standard deviation of each joint (n, 20) along any axis [m]."""
     confidence: npt.NDArray[np.int64]
-    """As in `messages.Skeleton` (n, 20)."""
+    """Confidence as in `messages.Skeleton` (n, 20)."""
     phases: Floats
     """Share of the gait cycle since the last foot strike (n, 2), left and right; NaN if unknown."""
 
     @property
     def rate_hz(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         return 1.0 / float(np.mean(np.diff(self.t)))
 
     @property
@@ -52,7 +52,7 @@ class Motion(NamedTuple):
         return Motion(*(values[rows] for values in self))
 
     def evenly(self) -> Motion:
-        """Return the frames at a constant rate, without a body where one is missing."""
+        """Return the frames at a constant rate; missing frames have no body."""
         period = float(np.median(np.diff(self.t)))
         at = np.rint((self.t - self.t[0]) / period).astype(np.int64)
         n, joints = int(at[-1]) + 1, len(JOINTS)
@@ -68,7 +68,7 @@ class Motion(NamedTuple):
         return even
 
     def placed(self, robot: Poses) -> Motion:
-        """Return joints of the robot's frame in that of its poses, one for each frame."""
+        """Transform joints from the robot's frame to the frame of its poses, one pose per frame."""
         c, s = np.cos(robot.yaw)[:, None], np.sin(robot.yaw)[:, None]
         x, y, z = np.moveaxis(self.joints, -1, 0)
         joints = (robot.x[:, None] + c * x - s * y, robot.y[:, None] + s * x + c * y, z)
@@ -79,15 +79,15 @@ class Capture(NamedTuple):
     """The joints and the table of a run."""
 
     truth: Motion
-    """In world, at the rate of `sensors.skeleton_rate_hz`; deviations are 0."""
+    """True joints in world, at the rate of `sensors.skeleton_rate_hz`; deviations are 0."""
     seen: Motion
-    """At the tracker's frames, in odom: the robot has nothing else to place them with."""
+    """Reported joints at the tracker's frames, in odom: the robot knows no other fixed frame."""
     table: Table
     """Robot and person at every tick."""
     trajectory_sha256: str
 
     def since(self, t_s: float) -> Capture:
-        """Return the joints from a time on, and the whole table."""
+        """Return the joints from a time [s] on, and the whole table."""
         return self._replace(
             truth=self.truth.where(self.truth.t >= t_s), seen=self.seen.where(self.seen.t >= t_s)
         )
@@ -104,7 +104,7 @@ def angles(joints: Floats) -> Floats:
 
 
 def capture(scenario: Scenario) -> Capture:
-    """Simulate a scenario; return what was seen in it, and what there was to be seen."""
+    """Simulate a scenario; return the true joints and the reported joints."""
     found = observe_bodies(scenario)
     table = found.table
     truth, seen = motions(found.samples[TARGET_SKELETON.key], found.samples[SKELETONS.key])
@@ -115,7 +115,7 @@ def capture(scenario: Scenario) -> Capture:
 
 
 def motions(bodies: list[m.Skeleton], frames: list[m.Skeletons]) -> tuple[Motion, Motion]:
-    """Return the truth, and the first body of each frame in the frame's own coordinates."""
+    """Return the true joints, and the first body of each frame in the frame's coordinates."""
     truth = motion_of([(body.header, body) for body in bodies])
     # frames taken before the start have no stamp
     seen = motion_of(

@@ -60,7 +60,7 @@ INTERRUPTED = 130
 TELL_S = 60.0
 """Interval between the lines in which a long command reports its progress."""
 WIDTH = 160
-"""Width of the tables [characters] where the output is no terminal."""
+"""Width of the tables [characters] if the output is not a terminal."""
 
 
 class Options(NamedTuple):
@@ -102,7 +102,7 @@ def run(
     export: Path | None,
     **choice: Any,
 ) -> None:
-    """Run experiments of one kind; print and write one report, draw and record on demand.
+    """Run experiments of one kind; print and write one report, with figures and films on demand.
 
     `choice` are the arguments of `_load`.
     """
@@ -145,7 +145,7 @@ def run(
 
 
 def tune(options: Options, file: str) -> None:
-    """Search; print and write the best settings."""
+    """Run a search; print and write the best settings."""
     tuning = load_table(experiment_path(file), Tuning)
     with _session(options, "trials") as session:
         do = partial(run_all, FOLLOWING, store=session.store, workers=session.workers)
@@ -172,9 +172,9 @@ def budget(options: Options, file: str, runs: int | None, walks: Path | None) ->
 def fuzz(
     options: Options, seeds: Sequence[int], *, physics: bool, follower: bool, freezes: bool
 ) -> None:
-    """Drive at random, a minute a seed; print and write what was touched.
+    """Drive at random for one minute per seed; print and write the contacts.
 
-    A line reports what was found so far each minute, and at the end, however it comes.
+    A line reports the results so far each minute, and at the end, even after an error.
     """
     settings = fuzzing.ROLLERS * physics + fuzzing.FOLLOWED * follower
     kind = fuzzing.FREEZES if freezes else fuzzing.EPISODE
@@ -222,7 +222,7 @@ def followbench(
         raise ConfigError("--follower: the robot of --own-robot has its own follower")
     followers = followers or tuple(PLANNERS)
     for name in followers:
-        entrant(name)  # refuses one that does not exist before the first episode
+        entrant(name)  # reports an unknown follower before the first episode
     kind: Kind[Any] = bench.OWN_ROBOT if own_robot else bench.FOLLOWBENCH
     names = [bench.OURS] if own_robot else followers
     if folder is not None:
@@ -248,7 +248,7 @@ def followbench(
 
 
 def leaderboard(results: Sequence[Path], figures: Path | None) -> None:
-    """Print the tables of results of several entries as one, and draw its figure."""
+    """Print one table of the results of several entries, and draw its figure."""
     rows = [row for file in results for row in bench.rows_of(file)]
     console(WIDTH).print(*bench.FOLLOWBENCH.tables(rows), sep="\n")
     if figures is not None:
@@ -265,7 +265,7 @@ def _load(
     sweep: Sequence[str] = (),
     only: Sequence[str] = (),
 ) -> tuple[Experiment, list[Series]]:
-    """Return an experiment, and the chosen runs of it; the arguments are those of the command."""
+    """Return an experiment and its chosen runs; the arguments are those of the command."""
     experiment = chosen(load_table(experiment_path(name), Experiment), only)
     files = sorted(walks.glob("*.csv")) if walks else []
     if walks and not files:

@@ -28,9 +28,10 @@ class Case(Section):
 
     name: Name
     scenario: Path
-    """The scenario's file, relative to this one."""
+    """The scenario's file, relative to the experiment's file."""
     settings: Settings = msgspec.field(name="set", default=())
-    """May name the values `$NAME` of `vary` and of the follower's place: see `jobs.expand`."""
+    """Overrides; may use the values `$NAME` of `vary` and of the follower's place: see
+    `jobs.expand`."""
     vary: dict[str, tuple[Finite, Finite]] = msgspec.field(default_factory=dict)
     """Values that each seed draws between two limits, by name."""
     sweep: Sweep = msgspec.field(default_factory=dict)
@@ -39,7 +40,7 @@ class Case(Section):
     limits: dict[str, Positive] = msgspec.field(default_factory=dict)
     """Upper limits of means of scores."""
     reference: Name | None = None
-    """The case to whose D_err that of this one is related."""
+    """The case whose D_err is the denominator of this case's D_err ratio."""
     max_ratio: Positive | None = None
     """Upper limit of that ratio."""
 
@@ -59,17 +60,17 @@ class Experiment(Section):
     kind: Literal["following", "paper", "mocap", "safety"] = "following"
     """How runs are scored and shown: see `kinds.KINDS`."""
     settings: Settings = msgspec.field(name="set", default=())
-    """Settings of all cases; may name values as theirs."""
+    """Settings of all cases; may use the same values as the cases' settings."""
     grid: dict[Name, Annotated[dict[Name, Settings], msgspec.Meta(min_length=1)]] = msgspec.field(
         default_factory=dict
     )
-    """Axes of named choices: a view, a driver."""
+    """Axes of named choices, such as a view or a driver."""
     sweep: Sweep = msgspec.field(default_factory=dict)
     """Sweeps of all cases."""
     seeds: Runs = 30
-    """How many."""
+    """Number of seeds."""
     first_seed: Seed = 1
-    """The others follow it, one by one."""
+    """First seed; the others are consecutive."""
 
     def __post_init__(self) -> None:
         _check_names(self.cases)
@@ -155,7 +156,7 @@ def parse_sweeps(options: Iterable[str]) -> dict[str, tuple[str, ...]]:
 
 
 def chosen(experiment: Experiment, options: Iterable[str]) -> Experiment:
-    """Return an experiment with those choices of its axes that `--only AXIS=NAME` names.
+    """Return an experiment with the choices of its axes that `--only AXIS=NAME` names.
 
     The first axis is `case`; several choices of one axis are all kept.
     """

@@ -1,4 +1,4 @@
-"""Estimators that only experiments compare with those of the follower.
+"""Estimators for experiments only, for comparison with those of the follower.
 
 A scenario selects them with `programs.follower = "mecazen_experiments.estimators:Follower"`.
 """
@@ -39,7 +39,7 @@ class Unscented:
     """
 
     def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
-        from filterpy import kalman  # noqa: PLC0415  # late, as it takes a second
+        from filterpy import kalman  # noqa: PLC0415  # late, since the import takes a second
 
         self._walks = walks
         points = kalman.MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
@@ -61,7 +61,7 @@ class Unscented:
 
     @property
     def covariance(self) -> Array:
-        """Its covariance (5, 5)."""
+        """The covariance (5, 5) of the state."""
         return np.asarray(self._filter.P)
 
     def predict(self, dt: float) -> None:
@@ -91,7 +91,7 @@ class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):
 
     def __init__(self, params: CtrvParams) -> None:
         super().__init__(params)
-        # which has all that is used of a bank of modes
+        # `Unscented` has all used methods of `ModeBank`
         self._begin = cast(
             "Callable[[Array, Array], ModeBank]", partial(Unscented, walks_of(params))
         )

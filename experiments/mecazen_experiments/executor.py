@@ -1,4 +1,4 @@
-"""Runs on the cores of this machine or of a Dask cluster; finished ones are kept in a store."""
+"""Executes runs on this machine or a Dask cluster; finished runs are kept in a store."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from mecazen_experiments.store import Store
 T = TypeVar("T")
 
 MAX_TRIES = 3
-"""How often a job is started whose worker dies."""
+"""Maximum number of starts of a job whose worker dies."""
 CONNECT_S = 2.0
 
 
 Outcomes = Generator[tuple[Job, T | MecazenError], None, None]
 """Jobs with their results or errors, in the order of completion; closing it ends the work."""
 Progress = Callable[[int, int], None]
-"""Called with the number of runs that are done, and of all."""
+"""Function that is called with the number of finished runs, and of all runs."""
 
 
 class RunsFailedError(MecazenError):
-    """Runs that failed, a line each; the others are done and kept."""
+    """Failed runs, one line each; the others are finished and kept."""
 
     def __init__(self, failures: Iterable[tuple[Job, MecazenError]]) -> None:
         lines = sorted(f"{job}: {error}" for job, error in failures)
@@ -51,17 +51,17 @@ class Workers(NamedTuple):
     at_once: int
     """The number of jobs that may be running when a worker dies."""
     do_once: Callable[[Callable[[Job], Any], Sequence[Job]], Outcomes[Any]]
-    """Yields outcomes; none of jobs that were not finished when a worker died."""
+    """Yields outcomes; jobs that were unfinished when a worker died have no outcome."""
 
 
 def local_workers(count: int = -1) -> Workers:
-    """Return processes of this machine, one BLAS thread each; a single one is this process itself.
+    """Return processes of this machine with one BLAS thread each; with a count of 1, this process.
 
-    -1 is one for each core. joblib keeps them for the next jobs.
+    A count of -1 means one for each core. joblib keeps the processes for the next jobs.
     """
 
     def do_once(work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
-        # of jobs that Ctrl-C left unfinished; the caller says it in one line
+        # a warning about jobs that Ctrl-C left unfinished; the caller reports them in one line
         warnings.filterwarnings(
             "ignore", r"\d+ tasks which were still being processed", UserWarning
         )
@@ -76,7 +76,7 @@ def local_workers(count: int = -1) -> Workers:
                     pre_dispatch="2 * n_jobs",
                 )
                 outcomes = parallel(delayed(_attempt)(work, job) for job in tuple(jobs))
-            # joblib may also just end, without the error
+            # joblib may also end without this error
             with suppress(BrokenProcessPool):
                 yield from outcomes
         finally:
@@ -88,9 +88,9 @@ def local_workers(count: int = -1) -> Workers:
 
 @contextmanager
 def cluster_workers(address: str) -> Iterator[Workers]:
-    """Give the workers at a Dask scheduler; they need the same code and see the same files.
+    """Yield the workers of a Dask scheduler; they need the same code and the same files.
 
-    The scheduler gives the job of a worker that dies to another, and gives it up after its
+    If a worker dies, the scheduler passes its job to another worker, and gives the job up after
     `allowed-failures`. joblib's backend for Dask would wait forever for such a job.
     """
     try:
@@ -99,7 +99,7 @@ def cluster_workers(address: str) -> Iterator[Workers]:
         raise ConfigError(
             "--scheduler needs Dask: pip install 'mecazen-experiments[cluster]'"
         ) from None
-    # checked here: with a wrong one Dask's client hangs at the end of the process
+    # checked here: with a wrong address Dask's client hangs at the end of the process
     if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
         raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")
     # errors of the scheduler are reported in one line instead of the client's
@@ -134,10 +134,10 @@ def cluster_workers(address: str) -> Iterator[Workers]:
 def do_all(
     work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers
 ) -> Generator[tuple[Job, T], None, None]:
-    """Yield each job with its result, as it is done; the work of a worker that dies is done again.
+    """Yield each job with its result as it finishes; retry the job of a worker that dies.
 
-    When a worker dies, others may end with it. Jobs that may have been running are tried again
-    after the rest, one at a time, so that it is clear whose worker dies.
+    When a worker dies, other workers may end with it. Jobs that may have been running are retried
+    after the rest, one at a time, so that the failing job can be identified.
     """
     failures: list[tuple[Job, MecazenError]] = []
     batches = deque([list(jobs)])
@@ -169,7 +169,7 @@ def run_all(
     workers: Workers,
     progress: Progress = lambda *_: None,
 ) -> dict[Key, Record[T]]:
-    """Return the record of every job; each is stored as soon as it exists, and not made again."""
+    """Return the record of every job; each is stored as soon as it exists, and never repeated."""
     wanted = {job.key: job for job in jobs}
     records = store.find(kind, wanted)
     progress(len(records), len(wanted))
@@ -183,24 +183,24 @@ def run_all(
 
 
 def _attempt(work: Callable[[Job], T], job: Job) -> tuple[Job, T | MecazenError]:
-    """Do a job; a `MecazenError` is an outcome too."""
+    """Run a job; a `MecazenError` is an outcome too."""
     try:
         return job, work(job)
     except MecazenError as error:
-        # not the error itself: its class may need more to be made again in another process
+        # not the error itself: its class may not be picklable
         return job, MecazenError(str(error))
 
 
 @contextmanager
 def _as_workers() -> Iterator[None]:
-    """Start processes that leave it to this one to end them, and to say why.
+    """Start processes that this process ends, and whose end this process reports.
 
-    They ignore Ctrl-C, which a terminal sends to all. joblib's process that removes what others
-    leave behind would warn of it.
+    The processes ignore Ctrl-C, which a terminal sends to all processes. joblib's cleanup process
+    would print a warning.
     """
     warned = os.environ.get("PYTHONWARNINGS")
     os.environ["PYTHONWARNINGS"] = "ignore:resource_tracker:UserWarning"
-    # Python's own such process, too, starts with the first worker; starting it allows Ctrl-C again
+    # Python's own cleanup process starts with the first worker, and its start unblocks Ctrl-C
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -1,4 +1,4 @@
-"""The paper's figures 5 and 8, of runs of our own, for print in one column.
+"""The paper's figures 5 and 8 from our own runs, for print in one column.
 
 The paper is A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view Self-Following and
 Self-Following Motion Capture. The runs come as the tables "back without", "back with",
@@ -27,7 +27,7 @@ STANDOFFS = {
     "back": FollowerConfig(view="back").standoff,
     "side": FollowerConfig(view="side_left").standoff,
 }
-"""The paper's two views, and what is to be kept in them."""
+"""The paper's two views, and their standoffs."""
 
 KINDS: dict[str, dict[str, Any]] = {
     "without": {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0, "zorder": 3.0},
@@ -52,7 +52,7 @@ def draw(tables: Mapping[str, Table], folder: Path) -> list[Path]:
 
 
 def trajectories(tables: Mapping[str, Table]) -> Figure:
-    """Return the paper's Fig. 5: the paths of person and robot in world, a panel a run."""
+    """Return the paper's Fig. 5: the paths of person and robot in world, one panel per run."""
     with style.context(STYLE):
         figure = Figure(figsize=(COLUMN_IN, 0.72 * COLUMN_IN), layout="constrained")
         grid = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -87,7 +87,7 @@ def errors(tables: Mapping[str, Table]) -> Figure:
 
 
 def _draw_paths(axes: Axes, table: Table) -> None:
-    """Draw the person with an arrow at the start, and the robot with arrows on its way."""
+    """Draw the person with an arrow at the start, and the robot with arrows along its path."""
     person, robot = table.poses("target"), table.poses("robot")
     dashed: dict[str, Any] = {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0}
     axes.plot(*person[:2], label="person, direction at the start", **dashed)

@@ -1,4 +1,4 @@
-"""How well the robot follows: distance, angle, smoothness, estimate."""
+"""Scores of following: distance, angle, smoothness, estimate."""
 
 from __future__ import annotations
 

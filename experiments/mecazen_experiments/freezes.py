@@ -18,13 +18,13 @@ FROZEN_S = (0.05, 2.0)
 
 
 def freeze(run: InProcess, seed: int) -> None:
-    """Freeze the services of a run, one at a time, drawn with a seed; never that of the world.
+    """Freeze random services of a run, one at a time, except the service of the world.
 
     A frozen service takes no turn, and the run continues without it, as in real time.
     """
     chance = random.Random(seed)  # noqa: S311
     world = run.host.world
-    assert world is not None  # else there is no clock
+    assert world is not None  # otherwise there is no clock
     services = [one for one in run.host.services if one is not run.host.service_of(world)]
     sim, begin_s = run.scenario.sim, 0.0
     while (begin_s := begin_s + chance.uniform(*BETWEEN_S)) < sim.duration_s:
@@ -32,13 +32,13 @@ def freeze(run: InProcess, seed: int) -> None:
         window = range(round(begin_s / sim.tick_s), round(end_s / sim.tick_s))
         _freeze(chance.choice(services), window)
         begin_s = end_s
-    run.host.revise = lambda: None  # type: ignore[method-assign]  # a frozen one repeats no step
+    run.host.revise = lambda: None  # type: ignore[method-assign]  # frozen services repeat no step
     run.clock.lockstep = False
     run.clock.schedule = Schedule(sim.tick_s, math.inf)  # each tick is due at once
 
 
 def _freeze(service: Service, window: range) -> None:
-    """Let a service take no turn in some ticks."""
+    """Skip the turns of a service in some ticks."""
     for _, runner in service.nodes:
         triggered = partial(_is_triggered, window, runner.is_triggered)
         runner.is_triggered = triggered  # type: ignore[method-assign]

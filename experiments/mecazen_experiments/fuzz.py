@@ -1,4 +1,4 @@
-"""Drives a guarded robot at random among things and a person, and counts what it touches."""
+"""Drives a guarded robot at random among obstacles and a person, and counts contacts."""
 
 from __future__ import annotations
 
@@ -47,24 +47,24 @@ from mecazen_experiments.statistics import most_per_hour
 from mecazen_experiments.table import Floats, Poses
 
 ROLLERS = ("programs={}",)
-"""Settings with which the robot drives in DART, not in a plane without slip: many times slower."""
+"""Settings for driving in DART instead of a plane without slip: many times slower."""
 FOLLOWED = ('services=["physics", "controller", "target", "follower"]',)
-"""Settings with which a follower drives the robot, not chance."""
+"""Settings for a follower that drives the robot, instead of random commands."""
 EPISODE_S = 60.0
 ROOM_M = 7.0
-"""Length of the walls."""
+"""Length of the walls [m]."""
 CLEAR_M = 0.5
-"""Least distance of robot and person from anything else at the start."""
+"""Minimum distance of a walking person from obstacles [m]."""
 WHEEL_LAG_S = 0.02
 """Time constant of the plane world's wheels."""
 BRAKING_M_S2 = 6.0
 """Deceleration of the person: from 1.8 m/s in 0.3 s."""
 COMMAND_TICKS = 5
-"""The robot is commanded at 20 Hz."""
+"""Number of ticks between commands to the robot: 20 Hz."""
 FOOT_M = 0.04
-"""Radius about each joint of the feet."""
+"""Radius around each joint of the feet [m]."""
 AWAY = math.radians(70.0)
-"""The person walks only straight away from the robot, or up to this angle past it."""
+"""Maximum angle between the person's walk and the direction straight away from the robot."""
 FASTEST_M_S, FASTEST_RAD_S = 2.5, 4.0
 """Limits of the commands; the wheels reach less."""
 
@@ -72,18 +72,18 @@ FEET = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("ankle", "heel", 
 
 
 class Plane(World):
-    """A robot whose wheels roll without slip, for a world without physics."""
+    """A world without physics, in which the robot's wheels roll without slip."""
 
     ROW = TABLE["physics"]
 
     def reset(self, seed: int) -> None:
-        """Stand at the start."""
+        """Place the robot at the start, at rest."""
         self.pose, self.speeds = self.scenario.start.pose, np.zeros(4)
         self.kinematics = MecanumKinematics.of(self.scenario.robot)
         self.watchdog = Watchdog(self.scenario)
 
     def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
-        """Roll for a tick."""
+        """Simulate the wheels for a tick."""
         joints = inputs[""].get(JOINT_COMMAND)
         command = self.watchdog.command(
             None if joints is None else WheelCommand(joints.velocity),
@@ -105,20 +105,20 @@ class Episode(msgspec.Struct, frozen=True):
     """The scores of a minute."""
 
     contacts: int
-    """Times at which the outline began to touch something."""
+    """Number of times at which the outline began to touch anything."""
     least_gap_m: float
     driven_m: float
     held: float
-    """Share of the time in which the guard let through less than was commanded."""
+    """Share of the time in which the guard reduced the command."""
 
 
 def jobs(seeds: Iterable[int], robot: Path, settings: Settings = ()) -> list[Job]:
-    """Return minutes to drive, one for each seed: of the room, the commands and the person.
+    """Return jobs of one minute for each seed, which determines room, commands and person.
 
     Args:
-        seeds: As many as minutes.
+        seeds: One seed per minute.
         robot: The robot file.
-        settings: Override those of the rooms.
+        settings: Overrides of the settings of the rooms.
     """
     sha256 = fingerprint(_scenario(0, _random(0), robot, settings))
     return [Job("minute", None, robot, settings, Key(sha256, seed, version())) for seed in seeds]
@@ -155,7 +155,7 @@ def _gaps(
     person: Sequence[m.Odometry],
     bodies: Sequence[m.Skeleton],
 ) -> Floats:
-    """Return the robot's distance to the nearest thing (n) [m]: 0 or less where it touches."""
+    """Return the robot's gap to the nearest person or obstacle (n) [m]; 0 or less in contact."""
     robot = scenario.robot
     poses = Poses(*np.array([odom.pose.pose.to_planar() for odom in truth]).T)
     found = [gap_to_obstacle(robot, poses, thing) for thing in scenario.world.obstacles]
@@ -165,7 +165,7 @@ def _gaps(
         (person, centres, scenario.world.person.radius_m),
         (bodies, feet, FOOT_M),
     ):
-        # a robot that moves meets the person where they were a tick ago
+        # a moving robot is compared with the person's position a tick ago
         at = np.searchsorted(_times(samples), _times(truth)) - 1
         around = np.array([np.full_like(points[0], np.nan), *points])[at + 1]
         found += list((to_outline(poses, robot.footprint, around) - radius).T)
@@ -185,7 +185,7 @@ EPISODE, FREEZES = (
 
 
 def tell(done: Iterable[Record[Episode]]) -> str:
-    """Return the contacts of some minutes, in a line."""
+    """Return a line that reports the contacts in some minutes."""
     done = list(done)
     if not done:
         return "nothing is driven yet"
@@ -259,7 +259,7 @@ class _Rider:
         self._speed = 0.0
 
     def drive(self, tick: int, samples: Samples) -> Mapping[str, bytes]:
-        """Return the commands of a tick; none before both are seen."""
+        """Return the commands of a tick; none before robot and person are known."""
         seen = [samples[topic.key] for topic in (GROUND_TRUTH, TARGET_ODOM)]
         if not all(seen):
             return {}
@@ -269,19 +269,19 @@ class _Rider:
             put[CMD_VEL.key] = encode(m.Twist.planar(self.command(tick, robot, person)), "json")
         seen_s = samples[TARGET_ODOM.key][-1].header.stamp.ns / 1e9
         is_frozen = (tick - 1) * self._tick_s > seen_s + ROUNDING_S
-        if is_frozen:  # else they would be somewhere else at once afterwards
+        if is_frozen:  # otherwise the person would jump afterwards
             self._speed = 0.0
         walk = m.Twist() if is_frozen else m.Twist.planar(self.walk(tick, robot, person))
         return put | {TARGET_CMD_VEL.key: encode(walk, "json")}
 
     def _is_free(self, x: float, y: float) -> bool:
-        """Return whether a person could stand at a place."""
+        """Return whether a person can stand at a point, clear of obstacles."""
         return all(
             from_outline(at, half, x, y) > CLEAR_M + self._radius for at, half in self._things
         )
 
     def command(self, tick: int, robot: Pose2D, person: Pose2D) -> Twist2D:
-        """Return the twist that the robot is to have."""
+        """Return the commanded twist of the robot."""
         if tick >= self._robot_until:
             self._robot_until = tick + int(self._random.integers(5, 300))
             self._robot = self._next(self._robot)
@@ -328,13 +328,13 @@ def _place(thing: Box | Cylinder) -> Pose2D:
 
 
 def _half(thing: Box | Cylinder) -> tuple[float, float]:
-    """Return half the length and half the width of a thing's footprint."""
+    """Return half the length and half the width of an obstacle's footprint."""
     if isinstance(thing, Cylinder):
         return thing.size_m[0], thing.size_m[0]
     return thing.size_m[0] / 2.0, thing.size_m[1] / 2.0
 
 
 def from_outline(robot: Pose2D, half: tuple[float, float], x: float, y: float) -> float:
-    """Return the distance of a point from an outline at `robot` [m]; inside negative."""
+    """Return the distance of a point from an outline at `robot` [m]; negative inside."""
     at = robot.between(Pose2D(x, y))
     return to_rectangle(at.x, at.y, half)

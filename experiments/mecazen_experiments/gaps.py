@@ -1,4 +1,4 @@
-"""Gaps between a robot and what is around it, for many ticks at once."""
+"""Gaps between a robot and people or obstacles, for many ticks at once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mecazen.skeleton import INDEX, LIMBS
 from mecazen_experiments.table import Floats, Poses
 
 _STEPS = 40
-"""Steps of the search for the nearest point of a segment: to 1e-7 of its length."""
+"""Steps of the search for the nearest point of a segment, to a precision of 1e-7 of its length."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _BEGINS = [INDEX[limb.begin] for limb in LIMBS]
 _ENDS = [INDEX[limb.end] for limb in LIMBS]
@@ -46,18 +46,19 @@ def to_outline(poses: Poses, half: tuple[float, float], points: Floats) -> Float
 def gap_to_person(robot: Robot, poses: Poses, joints: Floats, height: float) -> Floats:
     """Return the distance from a robot's footprint to a person's limbs (n) [m].
 
-    It is that of a rectangle and capsules as seen from above, of which only what is not above the
-    robot counts. Where they overlap it is negative, at least the radius of a limb.
+    The distance is that of a rectangle and capsules seen from above; only the parts of limbs below
+    the robot's top count. If they overlap, the distance is negative, down to minus the radius of a
+    limb.
 
     Args:
         robot: The robot.
-        poses: Its poses in the world, n of them.
-        joints: The person's joints in the world (n, 20, 3) [m]; NaN where there is no person.
-        height: Of the person, which radii are shares of [m].
+        poses: The robot's n poses in the world.
+        joints: The person's joints in the world (n, 20, 3) [m]; NaN if there is no person.
+        height: Height of the person, of which limb radii are shares [m].
     """
     begins, ends = joints[:, _BEGINS], joints[:, _ENDS]
     radii, top = _RADII * height, height_of(robot)
-    # a limb is no higher than the robot from share `low` to share `high` of its length
+    # from share `low` to share `high` of its length, a limb is not above the robot
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         cut = (top + radii - begins[..., 2]) / (ends[..., 2] - begins[..., 2])
     rises = ends[..., 2] > begins[..., 2]
@@ -78,9 +79,9 @@ def gap_to_person(robot: Robot, poses: Poses, joints: Floats, height: float) -> 
 
 
 def gap_to_obstacle(robot: Robot, poses: Poses, thing: Box | Cylinder) -> Floats:
-    """Return the distance from a robot's footprint to an obstacle (n) [m]; 0 where they touch.
+    """Return the distance from a robot's footprint to an obstacle (n) [m]; 0 if they touch.
 
-    To a cylinder it is negative where they overlap.
+    For a cylinder the distance is negative if they overlap.
     """
     x, y = thing.position_m
     half = robot.footprint
@@ -89,7 +90,7 @@ def gap_to_obstacle(robot: Robot, poses: Poses, thing: Box | Cylinder) -> Floats
         return to_outline(poses, half, centre)[:, 0] - thing.size_m[0]
     place = Pose2D(x, y, math.radians(thing.yaw_deg))
     of_box = thing.size_m[0] / 2.0, thing.size_m[1] / 2.0
-    # the shortest line between two rectangles begins at a corner of one of them
+    # the shortest line between two rectangles starts at a corner of one of them
     corners = [place.compose(Pose2D(*corner)) for corner in _corners(of_box)]
     of_robot = [poses.compose(Pose2D(*corner)) for corner in _corners(half)]
     at = Poses(*(np.full(len(poses.x), value) for value in place))

@@ -32,7 +32,7 @@ from mecazen_tools.simulate import in_lockstep
 from mecazen_experiments.config import Case, Experiment, Settings, Sweep
 
 LIBRARIES = ("dartpy", "filterpy", "msgspec", "numpy", "scipy")
-"""Those that a result depends on."""
+"""Libraries that a result depends on."""
 
 
 class Key(msgspec.Struct, frozen=True):
@@ -49,7 +49,7 @@ class Job(msgspec.Struct, frozen=True):
     row: str
     """The row of the table that the run belongs to."""
     walk: str | None
-    """The recorded walk that was given for it, if one was."""
+    """The recorded walk that was given for the run, if any."""
     scenario: Path
     settings: Settings
     key: Key
@@ -82,16 +82,17 @@ def expand(
 ) -> list[Series]:
     """Return the runs of each case, for each combination of the grid and the sweeps.
 
-    The settings of an experiment may name values as `$NAME`: those that a case varies, drawn by
-    the seed, and the follower's place beside a person at the origin: `$bearing_deg`, `$x_m`, `$y_m`
-    and `$yaw_deg`. All rows of a case have the same values of a seed, so they compare in pairs.
+    The settings of an experiment may use values as `$NAME`. These are the values that a case
+    varies, drawn by the seed, and the follower's place beside a person at the origin:
+    `$bearing_deg`, `$x_m`, `$y_m` and `$yaw_deg`. All rows of a case have the same values for a
+    seed, so they can be compared in pairs.
 
     Args:
         experiment: The experiment.
-        seeds: A run of each.
-        settings: Override those of every case.
+        seeds: One run per seed.
+        settings: Overrides of the settings of every case.
         sweeps: Values in TOML by key; they replace those of the experiment.
-        walks: A case whose person walks a recorded walk is run with each of these.
+        walks: Walks with each of which a case with a recorded walk is run.
     """
     todo = []
     grid = [[(axis, name) for name in choices] for axis, choices in experiment.grid.items()]
@@ -116,7 +117,7 @@ def expand(
 
 
 def _values(sweep: Sweep) -> dict[str, tuple[str, ...]]:
-    """Return a sweep with its values in TOML, as `--sweep` gives them."""
+    """Return a sweep with its values in TOML, as in `--sweep`."""
     return {
         key: tuple(json.dumps(value, ensure_ascii=False) for value in values)
         for key, values in sweep.items()
@@ -155,7 +156,7 @@ def _filling(case: Case, settings: Settings, others: Settings) -> Callable[[int]
 def jobs_of(
     row: str, file: Path, settings: Settings, seeds: Sequence[int], walks: Sequence[Path] = ()
 ) -> list[Job]:
-    """Return a job for each seed, of each walk where the scenario has one."""
+    """Return a job for each seed, and for each walk if the scenario has a recorded walk."""
     scenario = load_scenario(file, settings)
     variants: Iterable[tuple[str | None, Settings, str]]
     if walks and isinstance(scenario.target.path, Recorded):
@@ -179,7 +180,7 @@ def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Set
         end_s = make_path(path).duration
     except ConfigError as error:
         raise ConfigError(f"{walk}: {error}") from None
-    # rounding does not make the run a tick longer
+    # rounding errors do not make the run a tick longer
     ticks = math.ceil(end_s / loaded.sim.tick_s - 1e-6)
     settings = (*settings, f"sim.duration_s={ticks * loaded.sim.tick_s!r}")
     return walk.stem, settings, fingerprint(load_scenario(scenario, settings))
@@ -188,8 +189,8 @@ def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Set
 def fingerprint(scenario: Scenario) -> str:
     """Return the SHA-256 of a scenario without its seed.
 
-    It covers canonical JSON in which each file (a recorded walk, a user's program) is
-    represented by its content instead of its name. Imports of such a program do not count.
+    The hash covers canonical JSON in which each file (a recorded walk, a user's program) is
+    represented by its content instead of its name. Imports of a user's program are not covered.
     """
     scenario = msgspec.structs.replace(
         in_lockstep(scenario),
@@ -227,8 +228,8 @@ def with_content(program: str) -> str:
 def version() -> str:
     """Return the SHA-256 of the code that a result depends on.
 
-    It covers the source of every installed package of mecazen, and the versions of Python and
-    `LIBRARIES`: changed code never shows old results.
+    The hash covers the source of every installed package of mecazen, and the versions of Python and
+    `LIBRARIES`, so changed code never shows old results.
     """
     digest = hashlib.sha256()
     for line in (platform.python_version(), *(f"{name} {version_of(name)}" for name in LIBRARIES)):
@@ -245,6 +246,6 @@ def version() -> str:
 
 
 def check_version(job: Job) -> None:
-    """Raise MecazenError if this process would not run the code that the key names."""
+    """Raise MecazenError if the code of this process does not have the version in the key."""
     if job.key.version != version():
         raise MecazenError("this worker has other versions of mecazen or of its libraries")

@@ -1,4 +1,4 @@
-"""The kinds of experiments, by the name that a file gives."""
+"""The kinds of experiments, by their names in experiment files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From where is a gait captured how well? Somebody walks straight on, and the robot follows."""
+"""Quality of gait capture by view: a person walks straight on, and the robot follows."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ VIEW, GAIT = "view", "case"
 STANDOFF, SPEED = "follower.standoff_m", "target.path.speed_m_s"
 """The axes of such an experiment."""
 SHOWN = 2.0, 1.0
-"""Standoff [m] and speed [m/s] whose curves are shown, or the nearest that there are."""
+"""Standoff [m] and speed [m/s] whose curves are shown, or the nearest available ones."""
 
 ANGLES: tuple[Column, ...] = (
     *(
@@ -66,7 +66,7 @@ PARAMETER_ERRORS: tuple[Column, ...] = (
     ("stride time SD\n\\[ms], true", "true_stride_time_sd_ms", 0),
     ("found", "found_stride_time_sd_ms", 0),
 )
-"""Errors with their sign, of refined joints; but the standard deviation is of filtered ones."""
+"""Signed errors for refined joints; the standard deviation is that of filtered joints."""
 BY_STAGE: tuple[Column, ...] = (
     *((f"{joint}\n\\[°]", f"{joint}_deg", 1) for joint in MEASURED),
     *((f"{joint}\ncentred", f"{joint}_centred_deg", 1) for joint in MEASURED),
@@ -79,7 +79,7 @@ LIMITS = (
     ("step width [mm]", "step_width_err_mm", 25.0),
     ("SD of stride time [ms]", "stride_time_sd_err_ms", 10.0),
 )
-"""How far parameters may be from the truth, from `NEAREST_M` on."""
+"""Maximum errors of parameters, for standoffs from `NEAREST_M` on."""
 NEAREST_M = 1.5
 GAITS: tuple[Column, ...] = tuple(
     (f"{heading}\n{stage}", f"{stage}_{name}", digits)
@@ -105,8 +105,8 @@ def _measure(job: Job) -> tuple[Quality, str]:
 def tables(rows: Sequence[Row[Quality]]) -> list[Table]:
     """Return the angles and the gait: by view and standoff over all speeds, and by speed.
 
-    If there are several gaits, the last two tables have what tells them from each other, and the
-    angles of each.
+    If there are several gaits, the last two tables show parameters that distinguish them, and the
+    angles of each gait.
     """
     by_speed = sorted(rows, key=lambda row: row.labels[SPEED])
 
@@ -145,7 +145,7 @@ def _by_stage(rows: Sequence[Row[Quality]]) -> Table:
 
 
 def _within_limits(rows: Sequence[Row[Quality]]) -> Table:
-    """Return a table of the magnitudes of the errors of parameters."""
+    """Return a table of the magnitudes of the errors of parameters, against `LIMITS`."""
     far = [row for row in rows if float(row.labels[STANDOFF]) >= NEAREST_M]
     runs = [numbers(run.record.scores) for row in far for run in row.runs]
     heads = "error", "asked", "mean magnitude", "largest", "runs within"
@@ -161,7 +161,7 @@ def _within_limits(rows: Sequence[Row[Quality]]) -> Table:
 def draw(
     folder: Path, todo: Sequence[Series], rows: Sequence[Row[Quality]], do: Do
 ) -> Sequence[Path]:
-    """Draw the curves of each view at one place, and the errors of all."""
+    """Draw the curves of each view at one standoff and speed, and the errors of all."""
     from mecazen_experiments import mocap_figures  # noqa: PLC0415  # slow to import
 
     def distance(one: Series) -> float:
@@ -179,7 +179,7 @@ def draw(
 
 
 def curves(job: Job) -> Curves:
-    """Simulate a job once more; return what is to be drawn."""
+    """Simulate a job once more; return the curves to draw."""
     scenario = job.load()
     return quality(capture(scenario), scenario.follower.standoff)[1]
 
@@ -199,4 +199,4 @@ def export(folder: Path, job: Job) -> Sequence[Path]:
 
 
 CAPTURE = Kind("mocap", Record[Quality], _measure, numbers, tables, draw, export)
-"""How well a gait is captured."""
+"""The kind of experiments on the quality of gait capture."""

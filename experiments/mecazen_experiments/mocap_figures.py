@@ -39,7 +39,7 @@ def draw(
 ) -> list[Path]:
     """Write both figures as PNG, and return the files.
 
-    `curves` are by the title of their column, `bearings` [rad] by view.
+    `curves` are keyed by the title of their column, `bearings` [rad] by view.
     """
     figures = {"mocap_cycles": cycles(curves), "mocap_views": views(rows, bearings)}
     files = []
@@ -73,7 +73,7 @@ def views(rows: Sequence[Row[Quality]], bearings: Mapping[str | float, float]) -
     found = {stage: _mean_by_place(rows, f"{stage}_knee_deg") for stage in STAGES}
     most = max(value for of in found.values() for value in of.values())
     standoffs = sorted({float(row.labels[STANDOFF]) for row in rows})
-    # the rings of all standoffs are as wide
+    # the rings of all standoffs have the same width
     edges = {standoff: (n + 1.0, n + 2.0) for n, standoff in enumerate(standoffs)}
     with style.context(STYLE):
         figure = Figure(figsize=(2.0 * COLUMN_IN, COLUMN_IN), layout="constrained")
@@ -116,9 +116,9 @@ def _draw_cycle(axes: Axes, curves: Curves, joint: int) -> None:
 
 
 def by_stride(phases: Floats, angles: Floats) -> Floats:
-    """Return an angle at `PERCENT` of every whole stride (strides, 51), of both legs.
+    """Return an angle at `PERCENT` for every complete stride (strides, 51) of both legs.
 
-    Phases and angles (n, 2) are the left and the right leg's at frames; angles may be NaN.
+    Phases and angles (n, 2) are those of the left and the right leg in n frames; angles may be NaN.
     """
     strides = []
     for phase, angle in zip(phases.T, angles.T, strict=True):

@@ -18,7 +18,7 @@ from mecazen_follower.node import data_sheet, make_planner, view_of
 from mecazen_follower.tracking import Frame
 
 CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
-"""Covariance of what is known; not 0, which would say that it is unknown."""
+"""Covariance of the known person; not 0, which would mean unknown."""
 
 
 class Truth(Estimator):
@@ -35,14 +35,14 @@ class Truth(Estimator):
         """Do nothing: the estimate is set."""
 
     def _observe(self, observation: Pose2D, noise: Array) -> None:
-        """Know better."""
+        """Ignore the observation: the truth is known."""
 
 
 class OracleFollower(Node):
-    """The scenario's control law with the true person in the place of an estimate.
+    """The scenario's control law with the true person instead of an estimate.
 
-    The person is known relative to the true robot and placed in odom by where the odometry
-    believes the robot to be, as an observation is.
+    The person's true pose relative to the true robot is transformed to odom with the odometry, like
+    an observation.
     """
 
     ROW = Row(

@@ -1,4 +1,4 @@
-"""How well a walk was captured: angles, gait and visibility against the truth."""
+"""Quality of a captured walk: angles, gait and visibility against the truth."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from mecazen_experiments.scores import first_motion, score
 from mecazen_experiments.table import Floats
 
 SETTLING_S = 2.5
-"""From the person's first motion until the walk is steady and the robot beside it."""
+"""Time from the person's first motion until the walk is steady and the robot is in place."""
 MEASURED = ("hip", "knee", "ankle")
 STAGES = ("raw", "filtered", "refined")
 
 
 class Quality(msgspec.Struct, frozen=True):
-    """How well one run captures the gait; None where nothing could be made of what was seen.
+    """Quality of gait capture in one run; None if a value can't be computed from the reports.
 
-    Stages are `raw`, as reported; `filtered`, without swaps and through a low-pass; and `refined`,
-    by `refine`.
+    Stages are `raw`, as reported; `filtered`, without swaps and low-passed; and `refined`, the
+    result of `refine`.
     """
 
     rmse_deg: dict[str, dict[str, float] | None]
@@ -38,11 +38,11 @@ class Quality(msgspec.Struct, frozen=True):
     jitter_mm: dict[str, float | None]
     """Root mean square over all joints of the second difference from frame to frame."""
     truth: Gait
-    """By the planted feet."""
+    """True gait, by the planted feet."""
     filtered: Gait | None
-    """By events in the filtered joints, of which variability is taken."""
+    """Gait by events in the filtered joints, from which variability is taken."""
     observed: Gait | None
-    """By events in the refined joints."""
+    """Gait by events in the refined joints."""
     event_errors_s: tuple[float, float] | None
     """Mean errors of strikes and of offs in the refined joints."""
     knee_flexion_deg: dict[str, dict[str, float]]
@@ -68,7 +68,7 @@ class Curves(NamedTuple):
 
 
 def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
-    """Return the scores of a capture in which `wanted` was to be kept."""
+    """Return the scores and curves of a capture in which the robot had to keep `wanted`."""
     found = steady(found)
     estimated = all_stages(found)
     truth_stage = estimated["truth"]
@@ -108,18 +108,18 @@ def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
 
 
 def steady(found: Capture) -> Capture:
-    """Return the joints of a capture from when the walk is steady."""
+    """Return the capture from the time at which the walk is steady."""
     first = first_motion(found.table)
     return found.since(math.inf if first is None else found.table["t_s"][first] + SETTLING_S)
 
 
 def all_stages(found: Capture) -> dict[str, Stage]:
-    """Return the truth and what was seen, by stage."""
+    """Return the true and the reported walk, by stage."""
     return {"truth": true_stage(found.truth), **seen_stages(found.seen)}
 
 
 def numbers(of: Quality) -> dict[str, float | None]:
-    """Return the scores by name; those of the gait are magnitudes of errors, but for stance's."""
+    """Return the scores by name; some errors of the gait are magnitudes, others are signed."""
     following = ("d_err_m", "theta_err_deg", "odometry_drift_percent")
     values: dict[str, float | None] = {name: getattr(of, name) for name in following}
     for name, by_stage in (("deg", of.rmse_deg), ("centred_deg", of.centred_deg)):
@@ -184,7 +184,7 @@ def _rms(errors: Floats) -> dict[str, float]:
 
 
 def _knee_flexion(angles: Floats) -> dict[str, float]:
-    """Return the largest flexion of each side's knee, of angles (n, 6)."""
+    """Return the largest flexion of each side's knee, from angles (n, 6)."""
     return {side: float(angles[:, ANGLES.index(f"{side}_knee")].max()) for side in SIDES}
 
 

@@ -1,18 +1,20 @@
 """An estimator that refines the observed skeleton of a person who walks steadily.
 
-In four steps, each of which uses what bodies and gaits are like, and nothing of this simulator:
+The estimator has four steps. Each uses general knowledge of bodies and gaits, and nothing of this
+simulator:
 
-1. Left and right are put right where they were taken for each other (`unswapped`).
-2. Joints are low-passed (`smooth`), and the walker's own path found in them.
-3. Each joint's motion about that path becomes a Fourier series of the gait cycle (`cycle`): what
-   does not come again in every stride is taken for the tracker's noise, as far as the reported
-   deviations allow. So little is left of how strides differ, but of a precise capture all.
+1. Confusions of left and right are corrected (`unswapped`).
+2. Joints are low-passed (`smooth`), and the walker's path is found from them.
+3. Each joint's motion relative to that path becomes a Fourier series of the gait cycle (`cycle`):
+   motion that does not repeat in every stride is treated as the tracker's noise, as far as the
+   reported deviations allow. So differences between strides are mostly lost, but are preserved in
+   a precise capture.
 4. Each joint's constant error is removed (`biases`): bones keep their lengths, the
    pelvis is between the hips, the trunk is straight, ankles are above the line from heel to ball,
    feet come down to the floor, and knees do not bend backwards.
 
-The a priori deviations below are round numbers: half or twice of those that were tried changes no
-joint's mean error by more than 0.4 deg.
+The prior deviations below are round numbers: for those that were tested, half or twice the value
+changes no joint's mean error by more than 0.4 deg.
 """
 
 from __future__ import annotations
@@ -39,22 +41,22 @@ from mecazen_experiments.table import Floats
 CUTOFF_HZ = 6.0
 """Cut-off of joints in a gait; D. A. Winter, Biomechanics and Motor Control of Human Movement."""
 HARMONICS = 12
-"""Harmonics of the gait cycle: with 8, joints that are right get angles that are wrong by 1 deg."""
+"""Number of harmonics of the gait cycle: with 8, correct joints get an angle error of 1 deg."""
 TURNING_HZ = 0.3
-"""Cut-off of the direction from right to left; slower than any confusion of the two."""
+"""Cut-off of the direction from right to left; slower than confusions of left and right."""
 SWAP_RATE = 0.01
-"""A priori chance of a frame to begin or to end a confusion of left and right."""
+"""Prior probability that a confusion of left and right begins or ends in a frame."""
 CORRELATED = 12.0
-"""So many successive frames have about the same error."""
+"""Number of successive frames with about the same error."""
 MIN_FRAMES = 20
-"""Least number of frames that are refined."""
+"""Minimum number of frames for refinement."""
 PHASES = 25
-"""Places in the gait cycle at which bones have the same length."""
+"""Number of phases of the gait cycle at which bones must have the same length."""
 
 LOWER = ("knee", "ankle", "heel", "foot")
 UPPER = ("shoulder", "elbow", "wrist", "hip")
 BONES = ("hip", "knee"), ("knee", "ankle"), ("ankle", "heel"), ("ankle", "foot"), ("heel", "foot")
-"""Bones of each leg, as their ends; those of both legs are equally long."""
+"""Bones of each leg, by their ends; both legs have the same lengths."""
 ENDS = np.array([[[INDEX[f"{s}_{end}"] for end in bone] for bone in BONES] for s in SIDES])
 TRUNK = [INDEX[name] for name in ("pelvis", "spine", "neck")]
 HIPS, SHOULDERS, ANKLES, HEELS, BALLS = (
@@ -62,35 +64,35 @@ HIPS, SHOULDERS, ANKLES, HEELS, BALLS = (
 )
 SOLES = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("heel", "foot")]
 FITTED = [n for n, name in enumerate(JOINTS) if not name.endswith(("head", "elbow", "wrist"))]
-"""Joints whose biases are found."""
+"""Joints whose biases are estimated."""
 
 MOVES = [name.endswith((*LOWER, "elbow", "wrist")) for name in JOINTS]
-"""Whether a joint is of a limb that swings."""
+"""Whether a joint belongs to a swinging limb."""
 LIMB_M, TRUNK_M = 0.4, 0.04
-"""A priori deviation of the first harmonic's amplitude, of limbs and of other joints: that of the
-k-th is k² and k times smaller."""
+"""Prior deviation of the first harmonic's amplitude, for limbs and for other joints. The deviation
+of the k-th harmonic is k² times smaller for limbs, and k times smaller for other joints."""
 
 LEAST_STD_M = 1e-4
-"""Smaller deviations are taken for this: messages have no finer ones."""
+"""Lower bound of deviations: the resolution of messages."""
 STRIDE_STD_M = 0.005
-"""A priori deviation of a joint from its cycle."""
+"""Prior deviation of a joint from its cycle."""
 BONE_STD_M = 0.1
-"""Apparent change of a bone's length [m]: more than the true one, as errors of a cycle's phases are
-not independent."""
+"""Apparent change of a bone's length [m]: larger than the true change, since errors at the phases
+of a cycle are not independent."""
 PLACE_STD_M = 0.01
-"""How far what lies between two joints may be from their middle."""
+"""Deviation of a joint between two others from their midpoint."""
 NECK_STD_M = 0.02
-"""As that, of the neck between the shoulders."""
+"""Deviation of the neck from the midpoint of the shoulders."""
 FLOOR_STD_M = 0.005
-"""How high the lowest place of heel and ball may be above the floor."""
+"""Deviation of the lowest point of heel and ball from the floor."""
 KNEE_STD_RAD = 0.03
-"""How far a knee may be extended beyond straight."""
+"""Deviation of a knee's extension beyond straight."""
 
 
 def refine(seen: Motion) -> Floats | None:
-    """Return the refined joints (n, 20, 3) [m] of `seen`, which has a level frame and a floor at 0.
+    """Return the refined joints (n, 20, 3) [m] of `seen`, in a level frame with the floor at 0.
 
-    None for who does not walk.
+    The result is None if the person does not walk.
     """
     filtered = smooth(seen)
     walk = None if filtered is None else about_path(filtered, seen.rate_hz)
@@ -101,16 +103,16 @@ def refine(seen: Motion) -> Floats | None:
     phases = np.arange(PHASES) / PHASES * stride
     bias = biases(at(phases, stride, series), np.median(seen.std[seen.reported], axis=0))
     joints = at(seen.t, stride, series)
-    # the mean of cycle and frame, each weighed by its variance
+    # the mean of cycle and frame, each weighted by its inverse variance
     gain = STRIDE_STD_M**2 / (STRIDE_STD_M**2 + seen.std[..., None] ** 2)
     strayed = np.where(seen.reported[:, None, None], gain * (walk.about(seen.joints) - joints), 0.0)
     return walk.placed(joints + strayed - bias)
 
 
 def smooth(seen: Motion) -> Floats | None:
-    """Return the joints (n, 20, 3) [m] with left and right put right, gaps closed, low-passed.
+    """Return the joints (n, 20, 3) [m] with swaps corrected, gaps interpolated, and low-passed.
 
-    None where too few frames report a body.
+    The result is None if too few frames report a body.
     """
     rows = np.flatnonzero(seen.reported)
     if len(rows) < max(MIN_FRAMES, len(seen.t) // 2):
@@ -123,11 +125,11 @@ def smooth(seen: Motion) -> Floats | None:
 
 
 def unswapped(seen: Motion) -> Motion:
-    """Return the motion with left and right as they are.
+    """Return the motion with left and right corrected.
 
     The likeliest sequence of two hidden states is found (A. Viterbi, IEEE Trans. Inf. Theory 13,
-    1967), once for what swaps with the knees and once for hips and arms. A left joint is to the
-    left of the right one, by the median distance of the whole walk.
+    1967), once for the joints that swap with the knees and once for hips and arms. A left joint is
+    assumed to be to the left of the right joint, by their median distance in the whole walk.
     """
     rows = np.flatnonzero(seen.reported)
     if len(rows) < MIN_FRAMES:
@@ -140,9 +142,9 @@ def unswapped(seen: Motion) -> Motion:
         lines = joints[:, pairs[:, 0], :2] - joints[:, pairs[:, 1], :2]
         apart = np.einsum("njk,nk->nj", lines, left)
         variance = (std[:, pairs] ** 2).sum(axis=-1)
-        # logarithms of how much likelier it is that nothing is swapped, and that nothing changes
+        # log-likelihood ratios of no swap to a swap, and of no change to a change
         evidence = (2.0 * apart * np.median(apart, axis=0) / variance).sum(axis=-1) / CORRELATED
-        # of a normal deviate, the median of its square is 0.455 of the variance
+        # the median of the square of a normal deviate is 0.455 times the variance
         change = np.maximum(np.median(np.diff(apart, axis=0) ** 2, axis=0) / 0.455, 1e-6)
         steady = (2.0 * apart[1:] * apart[:-1] / change).sum(axis=-1) / len(names)
         swapped = rows[_viterbi(evidence, np.append(0.0, steady))]
@@ -154,8 +156,8 @@ def unswapped(seen: Motion) -> Motion:
 def _left(joints: Floats, rate_hz: float) -> Floats:
     """Return the direction to the left (n, 2) of a body (n, 20, 3) [m], of length 1.
 
-    A whole body that is taken for its mirror image for seconds has its left on the wrong side of
-    its way: left is on the side where it is most of the time.
+    If the whole body is mirrored for seconds, its left is on the wrong side of the path. The
+    correct side is the one where left is most of the time.
     """
     left = lowpass(leftward(joints), rate_hz, TURNING_HZ)
     left /= np.hypot(*left.T)[:, None]
@@ -166,13 +168,13 @@ def _left(joints: Floats, rate_hz: float) -> Floats:
 
 
 def cycle(seen: Motion, walk: WalkOnPath) -> tuple[float, Floats]:
-    """Return the gait cycle that fits the joints best, each weighed by its reported variance.
+    """Return the gait cycle that fits the joints best, each weighted by its reported variance.
 
-    It is the stride's duration [s], and the joints as a Fourier series of it: the coefficients
-    (1 + 2 · HARMONICS, 20, 3) [m] of 1, then of cosines and sines.
+    The result is the stride's duration [s], and the joints as a Fourier series: the coefficients (1
+    + 2 · HARMONICS, 20, 3) [m] of 1, then of cosines, then of sines.
 
-    `seen` has left and right as they are, `walk` are the low-passed joints about the walker's path.
-    The stride time is searched within a tenth of that of the strongest frequency.
+    `seen` has left and right corrected, `walk` are the low-passed joints relative to the walker's
+    path. The stride time is searched within 10 % of that of the strongest frequency.
     """
     rows = seen.reported
     t = seen.t[rows]
@@ -210,10 +212,10 @@ def cycle(seen: Motion, walk: WalkOnPath) -> tuple[float, Floats]:
 
 
 def biases(joints: Floats, std: Floats) -> Floats:
-    """Return what is wrong with each joint's place (20, 3) [m] all along the gait cycle.
+    """Return the constant error of each joint's position (20, 3) [m] over the gait cycle.
 
-    It is the most probable one, a priori normal with the reported deviations std (20,) [m].
-    `joints` (PHASES, 20, 3) [m] are those of the cycle.
+    The result is the most probable error, with a normal prior of the reported deviations std (20,)
+    [m]. `joints` (PHASES, 20, 3) [m] are those of the cycle.
     """
     prior = np.maximum(std[FITTED, None], LEAST_STD_M)
     lengths = _lengths(joints).mean(axis=(0, 1))
@@ -248,7 +250,7 @@ def biases(joints: Floats, std: Floats) -> Floats:
 
 
 def at(t: Floats, stride: float, series: Floats) -> Floats:
-    """Return the joints (n, 20, 3) of a cycle, about the walker's path, at times t (n,) [s]."""
+    """Return the joints (n, 20, 3) of a cycle, relative to the path, at times t (n,) [s]."""
     joints: Floats = np.einsum("nk,kji->nji", _basis(t, stride), series)
     return joints
 
@@ -267,7 +269,7 @@ def _lengths(joints: Floats) -> Floats:
 
 
 def _aside(joints: Floats) -> Floats:
-    """Return how far ankles (2,) [m] are beside the line from heel to ball, seen from above."""
+    """Return the lateral offset of the ankles (2,) [m] from the line heel to ball, from above."""
     heels = joints[HEELS, :2]
     (x, y), (ahead, left) = (joints[BALLS, :2] - heels).T, (joints[ANKLES, :2] - heels).T
     aside: Floats = (x * left - y * ahead) / np.hypot(x, y)
@@ -283,10 +285,10 @@ def _flexions(joints: Floats) -> Floats:
 
 
 def _viterbi(evidence: Floats, steady: Floats) -> npt.NDArray[np.bool_]:
-    """Return the likelier sequence of two states (n,), for whose first one each sample speaks.
+    """Return the likeliest sequence of two states (n,): False is the first, True the second.
 
-    `evidence` (n,) are logarithms of how much likelier the first state makes a sample, and `steady`
-    (n,) of how much likelier it is that the state is that of the sample before.
+    `evidence` (n,) are log-likelihood ratios of the first state to the second for each sample.
+    `steady` (n,) are those of no change to a change from the previous sample.
     """
     cost, came = np.zeros(2), []
     for value, same in zip(evidence, steady, strict=True):

@@ -1,7 +1,7 @@
 """Kinds of experiments, and their rows: the mean of each score with its interval, and every run.
 
-Runs of the same recorded walk are alike, and so are runs of one case and seed from several views:
-an interval is over such groups, each counted the same, not over runs.
+Runs of the same recorded walk are similar, and so are runs of one case and seed from several views.
+So an interval is over such groups with equal weights, not over runs.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mecazen_experiments.statistics import Interval, mean_interval, paired_ratio
 T = TypeVar("T")
 
 RATIO = "d_err_ratio"
-"""The name of D_err over that of the reference among the limits of a row."""
+"""The name of the limit on D_err relative to that of the reference."""
 
 
 class Record(msgspec.Struct, Generic[T], frozen=True):
@@ -32,9 +32,9 @@ class Record(msgspec.Struct, Generic[T], frozen=True):
     trajectory_sha256: str
     scores: T
     wall_s: float
-    """From loading the scenario to the last score."""
+    """Wall time from loading the scenario to the last score."""
     peak_rss_mb: float
-    """The peak memory of the worker so far, in this run and those before it."""
+    """The peak memory of the worker so far, including earlier runs."""
 
 
 class RunReport(msgspec.Struct, Generic[T], frozen=True):
@@ -47,12 +47,12 @@ class RunReport(msgspec.Struct, Generic[T], frozen=True):
 
     @property
     def draw(self) -> str:
-        """The walk, or the seed if there is none."""
+        """The walk, or the seed if there is no walk."""
         return self.walk or str(self.record.key.seed)
 
     @property
     def unit(self) -> tuple[str, str]:
-        """Its group: runs of other groups are independent of it."""
+        """The group of the run: runs of other groups are independent of it."""
         return self.case, self.draw
 
 
@@ -61,7 +61,7 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
 
     name: str
     means: dict[str, Interval]
-    """By score, over those independent units that have it."""
+    """Means by score, over the independent units that have the score."""
     runs: tuple[RunReport[T], ...] = ()
     labels: Mapping[str, str | float] = {}
     sums: dict[str, float] = {}
@@ -69,44 +69,44 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
     published: dict[str, float] = {}
     limits: dict[str, float] = {}
     within_limits: bool | None = None
-    """Whether no interval reaches above its limit; None if there are no limits or no intervals."""
+    """Whether no interval exceeds its limit; None if there are no limits or no intervals."""
     d_err_ratio: Interval | None = None
     """Mean D_err relative to that of the case's reference."""
 
     @property
     def units(self) -> int:
-        """The number of independent units among its runs."""
+        """The number of independent units among the runs."""
         return len({run.unit for run in self.runs})
 
 
 def no_tables(_: Sequence[Row[Any]]) -> Sequence[Table]:
-    """Show nothing: what a command shows in its own way."""
+    """Return no tables, for kinds that a command shows in another way."""
     return ()
 
 
 Do = Callable[[Callable[[Job], Any], Sequence[Job]], Generator[tuple[Job, Any], None, None]]
-"""Does some work for each job, and yields the results as they are done."""
+"""Does some work for each job, and yields the results as they finish."""
 
 
 class Kind(NamedTuple, Generic[T]):
-    """A kind of experiment: how a run is measured, and how the scores of several are shown."""
+    """A kind of experiment: how a run is measured, and how the scores of several runs are shown."""
 
     name: str
-    """In the store."""
+    """Name in the store."""
     record: type[Record[T]]
     measure: Callable[[Job], tuple[T, str]]
     """Simulates a job; returns its scores and the hash of its trajectory."""
     numbers: Callable[[T], Mapping[str, float | None]]
-    """Returns the scores by name; None where there is nothing to measure."""
+    """Returns the scores by name; None if there is nothing to measure."""
     tables: Callable[[Sequence[Row[T]]], Sequence[Table]] = no_tables
     draw: Callable[[Path, Sequence[Series], Sequence[Row[T]], Do], Sequence[Path]] | None = None
     """Writes figures into a folder, and returns the files."""
     export: Callable[[Path, Job], Sequence[Path]] | None = None
-    """Simulates a job, writes what laboratories open into a folder, and returns the files."""
+    """Simulates a job, writes files for gait laboratories into a folder, and returns the files."""
     sums: Sequence[str] = ()
     """Scores that are added over runs; others are averaged."""
     least: Sequence[str] = ()
-    """Scores of which the smallest counts."""
+    """Scores of which the minimum over runs is shown."""
 
 
 def summarise(kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]) -> Row[T]:
@@ -124,7 +124,7 @@ def summarise(kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]) -
 def summarise_walks(
     kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]
 ) -> list[Row[T]]:
-    """Return a row for each recorded walk of a series; none if it was given none."""
+    """Return a row for each recorded walk of a series; none without recorded walks."""
     return [
         _row(kind, f"{series.row} / {walk}", _runs(series.case, jobs, records), {})
         for walk, jobs in groupby(series.jobs, lambda job: job.walk)
@@ -135,7 +135,7 @@ def summarise_walks(
 def regroup(
     kind: Kind[T], rows: Iterable[Row[T]], names: Callable[[Row[T]], Mapping[str, str | float]]
 ) -> list[Row[T]]:
-    """Return a row for each value of `names`, with the runs of all rows that have it."""
+    """Return a row for each value of `names`, with the runs of all rows that have this value."""
     groups: dict[tuple[tuple[str, str | float], ...], list[RunReport[T]]] = {}
     for row in rows:
         groups.setdefault(tuple(names(row).items()), []).extend(row.runs)
@@ -146,7 +146,7 @@ def regroup(
 
 
 def relate(kind: Kind[T], rows: Sequence[Row[T]], todo: Sequence[Series]) -> list[Row[T]]:
-    """Return rows with their D_err relative to that of the reference of each one's case."""
+    """Return rows with their D_err relative to that of the reference of their case."""
 
     def by_draw(row: Row[T]) -> dict[str, float]:
         found = _by_unit(kind, row.runs).get("d_err_m", {})
@@ -169,7 +169,7 @@ def relate(kind: Kind[T], rows: Sequence[Row[T]], todo: Sequence[Series]) -> lis
 
 
 def within(means: Mapping[str, Interval], limits: Mapping[str, float]) -> bool | None:
-    """Return whether all scores meet their limits: see `meets`; None if that is not known."""
+    """Return whether all scores meet their limits, see `meets`; None if unknown."""
     found = {meets(means.get(name), limit) for name, limit in limits.items()}
     if False in found:
         return False
@@ -179,7 +179,8 @@ def within(means: Mapping[str, Interval], limits: Mapping[str, float]) -> bool |
 def meets(found: Interval | None, limit: float) -> bool | None:
     """Return whether no part of an interval is above a limit.
 
-    A score that is missing does not meet it. None for a single unit, which has no interval.
+    A missing score does not meet the limit. The result is None for a single unit, which has no
+    interval.
     """
     if found is None:
         return False

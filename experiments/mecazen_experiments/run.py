@@ -27,7 +27,8 @@ T = TypeVar("T")
 Samples = Mapping[str, list[Any]]
 """All messages on topics so far, by the topics' keys."""
 Drive = Callable[[int, Samples], Mapping[str, bytes]]
-"""Returns payloads in JSON to put in a tick, by key, from its number and what was published."""
+"""Returns the payloads in JSON to publish in a tick, by key, given its number and all samples so
+far."""
 
 
 class Observed(NamedTuple):
@@ -35,7 +36,7 @@ class Observed(NamedTuple):
 
     table: Table
     trajectory_sha256: str
-    """As in `mecazen simulate --json`."""
+    """Hash of the trajectory, as in `mecazen simulate --json`."""
     samples: Samples
 
 
@@ -43,9 +44,9 @@ def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {
     """Simulate a scenario, and keep all samples of some topics.
 
     Args:
-        scenario: What to simulate.
+        scenario: The scenario to simulate.
         topics: The topics.
-        drive: Returns the payloads to put in each tick but the last.
+        drive: Returns the payloads to publish in each tick except the last.
     """
     with closing(InProcess(scenario)) as run:
         samples = collect(run, *topics, drive=drive)
@@ -54,7 +55,7 @@ def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {
 
 
 def collect(run: InProcess, *topics: Topic[Any], drive: Drive = lambda *_: {}) -> Samples:
-    """Make a whole run, driven as in `observe`; return all samples of some topics."""
+    """Simulate a whole run, driven as in `observe`; return all samples of some topics."""
     samples: dict[str, list[Any]] = {topic.key: [] for topic in topics}
     for topic in topics:
         run.bus.subscribe(topic, partial(_keep, samples[topic.key]), every=True)
@@ -83,7 +84,7 @@ def record(kind: Kind[T], job: Job) -> Record[T]:
     begin = time.perf_counter()
     scores, sha256 = kind.measure(job)
     wall_s = time.perf_counter() - begin
-    # not getrusage: its maximum includes the memory of the process that started this one
+    # not getrusage: its maximum includes the memory of the parent process
     found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
     assert found is not None
     return kind.record(job.key, sha256, scores, wall_s, int(found[1]) * 1024 / 1e6)
@@ -96,12 +97,12 @@ def tabulate(job: Job) -> Table:
 
 
 def file_name(job: Job) -> str:
-    """Return the name of a job's row as that of a file."""
+    """Return the name of a job's row as a file name."""
     return re.sub(r"[^\w.=+-]+", "_", job.row.replace(", ", "-"))
 
 
 def film(job: Job, folder: Path) -> Path:
-    """Simulate a job, and record all of it; return the file. Raises as `observe`."""
+    """Simulate a job, and record the whole run; return the file. Raises as `observe`."""
     check_version(job)
     file = folder / f"{file_name(job)}.mcap"
     recorded = (

@@ -1,4 +1,4 @@
-"""Does the robot follow without touching anybody? Situations with several drivers and views."""
+"""Safety of following: contacts and gaps in situations with several drivers and views."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _at_most(row: Row[Safety]) -> str:
 
 
 MORE: Mapping[str, Callable[[Row[Any]], str]] = {"caused,\nat most\n\\[1/h]": _at_most}
-"""Columns that no score has alone."""
+"""Columns that are computed from several scores."""
 
 
 def _measure(job: Job) -> tuple[Safety, str]:
@@ -80,4 +80,4 @@ SAFETY = Kind(
     sums=SUMS,
     least=[name for name in Safety.__struct_fields__ if name.startswith("gap_")],
 )
-"""How safely the robot follows."""
+"""The kind of experiments on the safety of following."""

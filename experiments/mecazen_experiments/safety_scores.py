@@ -1,4 +1,4 @@
-"""Scores of a run among obstacles and people: contacts, gaps, sight, and what they cost."""
+"""Scores of a run among obstacles and people: contacts, gaps, visibility, and following."""
 
 from __future__ import annotations
 
@@ -23,42 +23,44 @@ TTC_S = 1.0
 """A shorter time to collision is a conflict (J. C. Hayward, Near miss determination through use of
 a scale of danger, 1972; the threshold is usual for people on foot)."""
 STILL_M_S = 0.03
-"""A robot that is slower stands."""
+"""Speed below which a robot counts as standing."""
 AWAY_M = 0.5
-"""A robot that stands so far from its place, while its person walks, is frozen."""
+"""Distance from its goal beyond which a standing robot is frozen, while its person walks."""
 CAUSED_M_S = 0.05
-"""Least speed of the robot towards a person with which it has caused a contact."""
+"""Minimum speed of the robot towards a person at which the robot has caused a contact."""
 
 Bools = npt.NDArray[np.bool_]
 
 
 class Safety(msgspec.Struct, frozen=True):
-    """The measures of a run; None where there is nothing to measure."""
+    """The measures of a run; None if there is nothing to measure."""
 
     contacts_person: int
-    """How often robot and person begin to touch while the robot drives at them."""
+    """Number of contacts with the person that begin while the robot drives at the person."""
     contacts_person_all: int
-    """The same, whoever caused it."""
+    """Number of all contacts with the person, caused by the robot or not."""
     contacts_others: int
-    """Both of other people."""
+    """The same two numbers for other people."""
     contacts_others_all: int
     contacts_world: int
-    """The same of walls and other obstacles."""
+    """Number of contacts with walls and other obstacles."""
     gap_person_m: float | None
-    """Smallest gap to the person, as the next two; negative where they overlap."""
+    """Smallest gap to the person, likewise to others and to obstacles in the next two; negative for
+    overlap."""
     gap_others_m: float | None
     gap_world_m: float | None
     conflict_s: float
-    """Time in which the time to collision with anybody is below 1 s."""
+    """Time in which the time to collision with any person is below 1 s."""
     view_percent: float
     """Share of the camera's frames that show the person."""
     regain_s: float
-    """Longest time in which none does."""
+    """Longest time without a frame that shows the person."""
     d_err_m: float | None
-    """Mean error of distance, and of the view angle, while the person is in view."""
+    """Mean error of distance, and of the view angle in the next score, while the person is in
+    view."""
     theta_err_deg: float | None
     frozen_s: float
-    """Time in which the robot stands 0.5 m from its place or more, while the person walks."""
+    """Time in which the robot stands 0.5 m or more from its goal while the person walks."""
     jerk_rms_m_s3: float | None
     time_s: float
     """Duration of the run."""
@@ -111,10 +113,10 @@ def _world(robot: Robot, seen: Watched, world: WorldConfig) -> Floats:
 
 
 def _caused(robot: Robot, seen: Watched, body: PersonOverTime, gap: Floats) -> int:
-    """Return the number of contacts with a person that begin while the robot drives at them.
+    """Return the number of contacts with a person that begin while the robot drives at the person.
 
-    Its own part in closing the gap is that of the gap to them as they are, with the robot as it is
-    a sample later.
+    The robot's share in closing the gap is the change of the gap if only the robot moves to its
+    pose one sample later.
     """
     onsets = _onsets(gap)
     if not len(onsets):
@@ -129,7 +131,7 @@ def _caused(robot: Robot, seen: Watched, body: PersonOverTime, gap: Floats) -> i
 
 
 def _onsets(gap: Floats) -> npt.NDArray[np.int64]:
-    """Return where contacts begin: the sample before the first of each."""
+    """Return the begins of contacts: the sample before the first sample of each contact."""
     touching = gap <= 0.0
     begins = np.flatnonzero(touching & ~np.concatenate(([False], touching[:-1])))
     onsets: npt.NDArray[np.int64] = np.maximum(begins - 1, 0)
@@ -137,9 +139,9 @@ def _onsets(gap: Floats) -> npt.NDArray[np.int64]:
 
 
 def _in_conflict(seen: Watched, gaps: Sequence[Floats], step: float) -> Bools:
-    """Return when the time to collision with anybody is below `TTC_S` (n).
+    """Return the samples in which the time to collision with any person is below `TTC_S` (n).
 
-    The speed is that of pelvis and robot: a foot that swings is no approach.
+    The speed is that between pelvis and robot: a swinging foot does not count as an approach.
     """
     found = np.zeros(len(seen.t), dtype=bool)
     for body, gap in zip((seen.person, *seen.others), gaps, strict=True):
@@ -161,7 +163,7 @@ def _errors(
 
 
 def _longest_gap(looked: Floats, shown: Bools) -> float:
-    """Return the longest time between two frames that show the person, beyond the usual one."""
+    """Return the longest time between two frames that show the person, less the usual period."""
     if len(looked) < 2:
         return 0.0
     usual = float(np.median(np.diff(looked)))

@@ -1,8 +1,9 @@
-"""A sampler of constant velocities, to compare the planner with.
+"""A sampler of constant velocities, for comparison with the planner.
 
-It is a dynamic window (D. Fox, W. Burgard, S. Thrun, The dynamic window approach to collision
-avoidance, IEEE Robot. Autom. Mag. 4(1), 1997), as of the planners DWA and DWB of ROS: each twist
-is driven for the whole horizon within the limits of the robot. It has the costs of our planner.
+The sampler is a dynamic window (D. Fox, W. Burgard, S. Thrun, The dynamic window approach to
+collision avoidance, IEEE Robot. Autom. Mag. 4(1), 1997), as in the planners DWA and DWB of ROS:
+each twist is driven for the whole horizon within the limits of the robot. It uses the costs of our
+planner.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class Window:
         self._commands = np.tile(np.array(twists, np.float32).T, (STEPS, 1, 1))
 
     def plan(self, problem: Problem) -> tuple[Rollout, Array]:
-        """Return all ways and their costs, whatever the nominal ones are."""
+        """Return all paths and their costs, independent of the nominal paths."""
         ways = problem.roll(self._commands)
         return ways, problem.cost(ways)
 

@@ -17,28 +17,28 @@ from mecazen_tools.trajectory import COVARIANCE
 from mecazen_experiments.table import Floats, Poses, Table, wrap
 
 SETTLING_S = 5.0
-"""From the first motion of the person until the robot should have caught up."""
+"""Time from the first motion of the person until the robot should have caught up."""
 MIN_PATH_M = 0.1
-"""A shorter path has no drift."""
+"""Minimum length of a path for which drift is computed."""
 
 
 class Score(msgspec.Struct, frozen=True):
-    """The measures of a run; None where there is nothing to measure.
+    """The measures of a run; None if there is nothing to measure.
 
     "The paper" is A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view and
     Self-Following Motion Capture.
     """
 
     d_err_m: float | None = None
-    """Mean of |D - D0|, D the distance from robot to person: the paper's eq. 5 and 7.
+    """Mean of |D - D0|; D is the distance from robot to person: the paper's eq. 5 and 7.
 
-    The next three: its root mean square, 95th percentile and maximum.
+    The next three scores are its root mean square, 95th percentile and maximum.
     """
     d_rms_m: float | None = None
     d_p95_m: float | None = None
     d_max_m: float | None = None
     theta_err_deg: float | None = None
-    """Mean of |Θ - Θ0|, Θ the robot's heading less the person's: the paper's eq. 6 and 8.
+    """Mean of |Θ - Θ0|; Θ is the robot's heading minus the person's: the paper's eq. 6 and 8.
 
     Θ is signed, and Θ - Θ0 is wrapped: facing the wrong side counts as an error.
     """
@@ -54,16 +54,16 @@ class Score(msgspec.Struct, frozen=True):
     acceleration_rms_m_s2: float | None = None
     """Root mean square of the robot's planar acceleration in world, from tick to tick."""
     jerk_rms_m_s3: float | None = None
-    """Root mean square of its planar jerk."""
+    """Root mean square of the robot's planar jerk."""
     command_variation_m_s2: float | None = None
     """Total variation of the commanded planar velocity, per second."""
     yaw_command_variation_rad_s2: float | None = None
     """Total variation of the commanded yaw rate, per second."""
     estimate_position_err_m: float | None = None
-    """Mean distance from the estimated to the true person, as for the other two errors.
+    """Mean distance from the estimated to the true person.
 
-    The estimate is in odom, which drifts. The truth is the person as seen from the true
-    robot, placed in odom with the robot's odometry.
+    The estimate is in odom, which drifts. The truth, also for the next two errors, is the person's
+    pose relative to the true robot, transformed to odom with the robot's odometry.
     """
     estimate_yaw_err_deg: float | None = None
     """Mean error of the person's estimated heading."""
@@ -72,9 +72,9 @@ class Score(msgspec.Struct, frozen=True):
     nees: float | None = None
     """Mean normalised estimation error squared of x, y and yaw: 3 if the covariance is right."""
     nees_p95: float | None = None
-    """95th percentile of it: 7.8 if the covariance is right and the errors are normal."""
+    """95th percentile of the NEES: 7.8 if the covariance is right and the errors are normal."""
     coasting_s: float | None = None
-    """Time in which the person was not seen but predicted."""
+    """Time in which the person was out of sight and predicted."""
     lost_s: float | None = None
     """Time in which the person was lost."""
     odometry_drift_percent: float | None = None
@@ -85,9 +85,9 @@ class Score(msgspec.Struct, frozen=True):
 
 
 class Scores(msgspec.Struct, frozen=True):
-    """The measures from the first motion of the person on, and again from 5 s later on.
+    """The measures from the first motion of the person on, and from 5 s after that on.
 
-    All are None where there is no person, or none who moves.
+    All are None if there is no person, or if the person never moves.
     """
 
     whole: Score
@@ -95,7 +95,7 @@ class Scores(msgspec.Struct, frozen=True):
 
 
 def score(table: Table, standoff: Standoff) -> Scores:
-    """Return the measures of a run in which `standoff` was to be kept."""
+    """Return the measures of a run in which the robot had to keep `standoff`."""
     begin = first_motion(table)
     if begin is None:
         return Scores(Score(), Score())
@@ -124,8 +124,8 @@ def nees(errors: Floats, covariances: Floats) -> Floats:
     """Return the normalised estimation error squared, eᵀ P⁻¹ e, of every tick.
 
     Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation,
-    section 5.4.2. Errors are n×k, covariances n×k×k; the result (n) is NaN where a covariance is
-    not positive definite: zeros mean unknown.
+    section 5.4.2. Errors are n×k, covariances n×k×k. The result (n) is NaN if a covariance is not
+    positive definite: zeros mean unknown.
     """
     variances, axes = np.linalg.eigh(covariances)
     variances[variances[:, 0] <= 0.0] = np.nan
@@ -167,12 +167,12 @@ def _score(table: Table, standoff: Standoff) -> Score:
 
 
 def _velocity(table: Table, who: str) -> npt.NDArray[np.complex128]:
-    """Return planar velocities [m/s] as they stand in the table, y as imaginary part."""
+    """Return the planar velocities [m/s] of the table as complex numbers, with y imaginary."""
     return table[f"{who}_vx_m_s"] + 1j * table[f"{who}_vy_m_s"]
 
 
 def _estimate_errors(table: Table) -> tuple[Poses, Floats]:
-    """Return the estimated less the true person along the axes of odom, and n×3×3 covariances."""
+    """Return the estimated minus the true pose along the axes of odom, and n×3×3 covariances."""
     seen = table.poses("robot").between(table.poses("target"))
     truth, estimate = table.poses("odom").compose(seen), table.poses("estimate")
     error = Poses(estimate.x - truth.x, estimate.y - truth.y, wrap(estimate.yaw - truth.yaw))
@@ -190,7 +190,7 @@ def _variation(table: Table, command: Floats | npt.NDArray[np.complex128]) -> fl
 
 
 def _time(table: Table, state: TrackingState) -> float | None:
-    """Return the time in a state [s], which holds until the next is reported."""
+    """Return the time in a state [s]; a state holds until the next report."""
     reported = table.tracking[table.tracking != ""]
     share = _of(np.mean, (reported == state).astype(np.float64))
     return None if share is None else share * len(table) * table.tick_s
@@ -207,7 +207,7 @@ def _drift(table: Table) -> float | None:
 
 
 def _of(measure: Callable[[Floats], SupportsFloat], values: Floats) -> float | None:
-    """Return a measure of the numbers among `values`, None if there are none."""
+    """Return a measure of the `values` that are not NaN; None if there are none."""
     numbers = values[~np.isnan(values)]
     return float(measure(numbers)) if numbers.size else None
 

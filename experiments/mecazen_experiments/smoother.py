@@ -1,6 +1,7 @@
 """A smoother of the person's state, from all observations.
 
-It uses those after an instant as well, and so bounds what any filter of this model can reach.
+The smoother also uses observations after an instant, so it bounds the accuracy of any filter with
+this model.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from mecazen_experiments.table import Floats, Poses, wrap
 
 
 class Sight(NamedTuple):
-    """An observed pose at a time [s] > that of the one before, and its covariance (3, 3)."""
+    """An observed pose, its covariance (3, 3), and its time [s], after the previous one."""
 
     time: float
     pose: Pose2D
@@ -31,8 +32,8 @@ def smooth(
     """Return the smoothed states (n, 5) of `turn_rate` at the times of `sights`, n >= 1.
 
     Rauch, Tung, Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA
-    Journal 3 (1965), on an extended Kalman filter. `speed_std` [m/s] and `rate_std` [rad/s] are
-    those of the first state.
+    Journal 3 (1965), on an extended Kalman filter. `speed_std` [m/s] and `rate_std` [rad/s] are the
+    deviations of the first state.
     """
     x = np.array([*sights[0].pose, 0.0, 0.0])
     P = np.zeros((ctrv.SIZE, ctrv.SIZE))
@@ -62,14 +63,14 @@ LEVELS = tuple(
     for speed in (0.01, 0.1, 1.0)
     for rate in (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 )
-"""Disturbances, of which the best is taken in hindsight: a bound may do so."""
+"""Levels of disturbance; the best is chosen in hindsight, which is valid for a bound."""
 
 
 def least_errors(sights: Sequence[Sight], truth: Poses) -> tuple[float, float]:
     """Return the mean errors of the best smoother: position [m], yaw [deg].
 
-    `truth` are the true poses at the times of `sights`. Each error is of the level of
-    disturbance that is the best for it.
+    `truth` are the true poses at the times of `sights`. Each error is that at its own best level of
+    disturbance.
     """
     errors = []
     for walks in LEVELS:

@@ -1,4 +1,4 @@
-"""Bootstrap intervals of means, also of differences paired by seed."""
+"""Bootstrap intervals of means, and of differences paired by seed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.stats import bootstrap, chi2
 SEED = 1
 """Seed of the resampling: the same values give the same interval."""
 Key = TypeVar("Key", int, str)
-"""The name of a pair of runs: a seed, or the name of an episode."""
+"""The key of a pair of runs: a seed, or the name of an episode."""
 
 
 class Interval(msgspec.Struct, frozen=True):
@@ -46,15 +46,16 @@ def mean_interval(values: Sequence[float]) -> Interval:
 def most_per_hour(events: float, hours: float) -> float:
     """Return the upper limit of the rate of rare events, with 95 % confidence [1/h].
 
-    That of Garwood for Poisson's distribution (Biometrika 28, 1936): 3.0 / hours after none.
+    The limit is that of Garwood for the Poisson distribution (Biometrika 28, 1936): 3.0 / hours
+    without events.
     """
     return float(chi2.ppf(0.95, 2.0 * (events + 1.0))) / 2.0 / hours
 
 
 def paired_ratio(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval | None:
-    """Return the mean of b over that of a, over the keys that both have; None without any.
+    """Return the mean of b over that of a, for the keys that both have; None without such keys.
 
-    Both are resampled together, so that what a key does to both cancels.
+    Both are resampled together, so common effects of a key cancel.
     """
     keys = sorted(a.keys() & b.keys())
     if not keys:
@@ -73,7 +74,7 @@ def paired_ratio(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval | N
 
 
 def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval:
-    """Return the mean of b - a, each by seed or episode, over those that both have.
+    """Return the mean of b - a, over the seeds or episodes that both have.
 
     Common effects of a seed, such as its noise, cancel in the difference.
     """

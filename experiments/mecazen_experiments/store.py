@@ -1,4 +1,4 @@
-"""Results in one SQLite file, each under its kind and key, for the next command."""
+"""Stores results in one SQLite file, by kind and key, for later commands."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ T = TypeVar("T")
 class Store:
     """Records by kind and key, in a file that may be shared with other commands.
 
-    Each record is a transaction: it is stored whole or not at all. The first of a key stays;
-    another would be equal.
+    Each record is a transaction: it is stored completely or not at all. The first record of a key
+    is kept; a second one would be equal.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         with self._one_line():
-            # autocommit: each statement is a transaction of its own
+            # autocommit: each statement is a separate transaction
             self._database = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
             self._database.execute(_TABLE)
 
     def find(self, kind: Kind[T], keys: Iterable[Key]) -> dict[Key, Record[T]]:
-        """Return the records that are there already."""
+        """Return the stored records of some keys."""
         found: dict[Key, Record[T]] = {}
         with self._one_line():
             for key in keys:
@@ -61,7 +61,7 @@ class Store:
         return found
 
     def add(self, kind: Kind[T], record: Record[T]) -> None:
-        """Keep a record."""
+        """Store a record."""
         text = msgspec.json.encode(record).decode()
         with self._one_line():
             values = kind.name, *msgspec.structs.astuple(record.key), text

@@ -21,7 +21,7 @@ def wrap(angles: Floats) -> Floats:
 
 
 class Poses(NamedTuple):
-    """Planar poses: x, y [m], yaw [rad], one of each for a tick, in one frame."""
+    """Planar poses: x, y [m], yaw [rad], one pose per tick, in one frame."""
 
     x: Floats
     y: Floats
@@ -32,7 +32,7 @@ class Poses(NamedTuple):
         return Pose2D(float(self.x[tick]), float(self.y[tick]), float(self.yaw[tick]))
 
     def compose(self, other: Poses | Pose2D) -> Poses:
-        """Return `other`, given in these frames, in their parent."""
+        """Transform `other` from these frames to their parent frame."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return Poses(
             self.x + c * other.x - s * other.y,
@@ -41,19 +41,19 @@ class Poses(NamedTuple):
         )
 
     def between(self, other: Poses) -> Poses:
-        """Return `other`, given in these frames' parent, in these frames."""
+        """Transform `other` from the parent frame of these frames to these frames."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         dx, dy = other.x - self.x, other.y - self.y
         return Poses(c * dx + s * dy, -s * dx + c * dy, wrap(other.yaw - self.yaw))
 
 
 class Table:
-    """The columns of a run, one number for each tick; NaN where there is none.
+    """The columns of a run, with one number for each tick; NaN for missing numbers.
 
     Args:
-        columns: By their names in `mecazen_tools.trajectory.COLUMNS`; `tracking` is text, empty
-            where there is none.
-        tick_s: The control period.
+        columns: Columns by their names in `mecazen_tools.trajectory.COLUMNS`; `tracking` is text,
+            empty if missing.
+        tick_s: The control period [s].
     """
 
     def __init__(self, columns: Mapping[str, npt.NDArray[Any]], tick_s: float) -> None:

@@ -22,16 +22,16 @@ from mecazen_experiments.tables import show
 
 VIEWS = ("back", "side")
 PAPER_VARIANTS = ("without", "with")
-"""The variants that the paper has; the third, best, is ours."""
+"""The variants in the paper; the third variant, best, is ours."""
 CASES = tuple(f"{view} {variant}" for view in VIEWS for variant in (*PAPER_VARIANTS, "best"))
 PAIRS = (("with", "without"), ("best", "with"))
-"""Each variant that should gain, and over which."""
+"""Pairs of a variant that should be better, and the variant to compare with."""
 MEASURES = {"d_err_m": ("D_err", "m", 3), "theta_err_deg": ("Θ_err", "°", 2)}
 """The paper's symbol of each score, its unit, and the digits to show."""
 
 
 def gain(rows: Mapping[str, Row[Scores]], better: str, than: str, score: str) -> Interval:
-    """Return by how much one case's error is below another's, seed by seed."""
+    """Return the reduction of one case's error relative to another's, paired by seed."""
 
     def errors(case: str) -> dict[int, float]:
         records = [run.record for run in rows[case].runs]
@@ -87,4 +87,4 @@ def draw(folder: Path, todo: Sequence[Series], _: Sequence[Row[Scores]], do: Do)
 
 
 PAPER = FOLLOWING._replace(tables=tables, draw=draw)
-"""How well the robot follows, beside the paper's figures."""
+"""The kind of experiments that compare following with the paper's results."""

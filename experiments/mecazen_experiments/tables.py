@@ -28,7 +28,8 @@ def table(
 ) -> Table:
     """Return a table with a line for each row: its labels below `heads`, and its scores.
 
-    A single head stands above the names of the rows. `more` are further columns by heading.
+    With a single head, the column shows the names of the rows. `more` are further columns by
+    heading.
     """
     more = more or {}
     columns = list(columns)
@@ -42,7 +43,7 @@ def table(
     for row in rows:
         labels = map(str, row.labels.values() if len(heads) > 1 else [row.name])
         cells = (_cell(row, name, digits) for _, name, digits in columns)
-        # a label is not markup, whatever it is
+        # a label is never interpreted as markup
         rest = (of(row) for of in more.values())
         shown.add_row(*map(Text, labels), _count(row), *cells, *rest)
     return shown
@@ -54,7 +55,7 @@ def _count(row: Row[Any]) -> str:
 
 
 def show(interval: Interval | None, digits: int) -> str:
-    """Return a mean and, in a line of its own, its interval if it has several values."""
+    """Return a mean and, on a separate line, its interval if there are several values."""
     if interval is None:
         return "-"
     if interval.n == 1:

@@ -20,11 +20,11 @@ from mecazen_experiments.scores import Scores
 SEED = 1
 """Seed of the search, which is deterministic."""
 PREFERENCE = 0.001
-"""Weight of preferred values: less than any difference between runs that matters."""
+"""Weight of preferred values: less than any relevant difference between runs."""
 EXCESS = 100.0
-"""Cost of a limit exceeded by its own size: far above the cost of scores within limits."""
+"""Cost of a score at twice its limit: far above the cost of scores within limits."""
 DIGITS = 4
-"""Significant digits of a parameter, in the runs as in the table."""
+"""Significant digits of a parameter, in the runs and in the table."""
 
 Do = Callable[[Iterable[Job]], Mapping[Key, Record[Scores]]]
 
@@ -35,9 +35,9 @@ class Best(msgspec.Struct, frozen=True):
     objective: str
     trials: int
     failed_trials: int
-    """Those in which a run failed."""
+    """Number of trials in which a run failed."""
     settings: dict[str, dict[str, float]]
-    """The best found, by case; parameters of all cases are in each."""
+    """The best settings by case; each case includes the common parameters."""
     training_cost: float
     held_out_cost: float
     rows: tuple[Row[Scores], ...]
@@ -45,9 +45,9 @@ class Best(msgspec.Struct, frozen=True):
 
 
 def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
-    """Search with the training seeds; return the best on the held-out ones.
+    """Search with the training seeds; return the best settings and their held-out runs.
 
-    `do` does runs and returns their records, see `mecazen_experiments.executor.run_all`.
+    `do` executes runs and returns their records, see `mecazen_experiments.executor.run_all`.
     """
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=SEED))
@@ -60,7 +60,7 @@ def tune(tuning: Tuning, do: Do, progress: Progress = lambda *_: None) -> Best:
         try:
             rows = _run(tuning.cases, settings, tuning.training_seeds, do)
         except RunsFailedError as error:
-            study.tell(trial, state=optuna.trial.TrialState.PRUNED)  # so avoided from now on
+            study.tell(trial, state=optuna.trial.TrialState.PRUNED)  # avoided from now on
             failed.append(error)
             continue
         found = cost(tuning, rows, settings)
@@ -106,7 +106,7 @@ def cost(
 
 
 def match_cost(row: Row[Scores]) -> float:
-    """Return the sum of the squared relative errors of the means from the published."""
+    """Return the sum of the squared relative errors of the means from the published means."""
     return math.fsum(
         ((_mean(row, score) - published) / published) ** 2
         for score, published in row.published.items()
@@ -120,7 +120,7 @@ def limits_cost(row: Row[Scores]) -> float:
 
 
 def preference(value: float, preferred: float) -> float:
-    """Return the cost of a parameter that is not preferred: it decides between equal costs."""
+    """Return the cost of a deviation from a preferred value; it decides between equal costs."""
     return PREFERENCE * math.log(value / preferred) ** 2
 
 

@@ -1,4 +1,4 @@
-"""The true motion of all people in a run, and the times at which the robot saw its person."""
+"""The true motion of all people in a run, and the reports of the robot's body tracker."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from mecazen_experiments.table import Floats, Poses, Table
 
 PELVIS = INDEX["pelvis"]
 SAME_M = 0.5
-"""A body whose pelvis is reported so close to the person's is taken to be the person."""
+"""Maximum distance of a reported pelvis from the person's pelvis for a body to be the person."""
 
 
 class PersonOverTime(NamedTuple):
     """A person over time."""
 
     joints: Floats
-    """In the world (n, 20, 3) [m]; NaN where they are not there."""
+    """Joints in the world (n, 20, 3) [m]; NaN while the person is absent."""
     height: float
 
 
@@ -36,7 +36,7 @@ class Watched(NamedTuple):
     t: Floats
     """Times of the bodies (n,) [s]."""
     robot: Poses
-    """At these times, in the world."""
+    """Poses of the robot at these times, in the world."""
     person: PersonOverTime
     others: tuple[PersonOverTime, ...]
     truth: Motion
@@ -78,7 +78,7 @@ def _joints(points: Sequence[m.Point]) -> list[tuple[float, float, float]]:
 
 
 def _others(crowds: Sequence[m.People], t: Floats) -> tuple[PersonOverTime, ...]:
-    """Return all reported people but the robot's person."""
+    """Return all reported people except the robot's person."""
     found: dict[str, PersonOverTime] = {}
     for crowd in crowds:
         at = int(np.searchsorted(t, crowd.header.stamp.ns / 1e9 - 1e-6))
@@ -94,7 +94,7 @@ def _others(crowds: Sequence[m.People], t: Floats) -> tuple[PersonOverTime, ...]
 def _shown(
     frame: m.Skeletons, table: Table, t: Floats, person: PersonOverTime
 ) -> m.Skeleton | None:
-    """Return the body that a frame shows where the person was when it was taken."""
+    """Return the body of a frame that is at the person's position at the capture."""
     taken = frame.header.stamp.ns / 1e9
     at = min(int(np.searchsorted(t, taken - 1e-6)), len(t) - 1)
     robot = table.poses("robot").at(int(table.ticks(np.array([taken]))[0]))

@@ -26,11 +26,11 @@ from msgspec.structs import replace
 Array = npt.NDArray[np.float32]
 
 HEADING_M_RAD = 0.5
-"""Cost of an error of the heading, as an error of the place [m/rad]."""
+"""Cost of a heading error, expressed as a position error [m/rad]."""
 CHANGE_M_S = 0.01
-"""Cost of a change of the action by 1."""
+"""Cost of a change of the action by 1 [m/s]."""
 AGE_S = 10.0
-"""The highest age of an observation."""
+"""Highest age in an observation [s]."""
 
 
 NO_PICTURES = (
@@ -40,17 +40,17 @@ NO_PICTURES = (
 
 
 class Observation(NamedTuple):
-    """The entries of an observation, in their order: what a follower knows, and not the truth."""
+    """The entries of an observation, in their order: what a follower knows, without the truth."""
 
     person_x_m: float
-    """The person in base_link when the sensor last saw them, with its noise; until it first does,
-    as if the robot were in its place."""
+    """The person's position in base_link when the sensor last saw them, with the sensor's noise;
+    until then, the position at which the robot would be in its place."""
     person_y_m: float
     person_cos: float
-    """Cosine and sine of their heading minus the robot's."""
+    """Cosine and sine of the person's heading minus the robot's."""
     person_sin: float
     age_s: float
-    """Time since then, at most `AGE_S`; as much if they have not been seen yet."""
+    """Time since the sensor last saw the person, at most `AGE_S`; `AGE_S` if it never has."""
     vx_m_s: float
     """The robot's twist by its odometry, in base_link."""
     vy_m_s: float
@@ -68,28 +68,28 @@ class Observation(NamedTuple):
 
 
 class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
-    """A robot is to keep its place beside a walking person: docs/gym.md.
+    """An environment in which a robot is to keep its place beside a walking person: docs/gym.md.
 
     An action is the twist of base_link (x, y, yaw), where 1 is `scale`. It holds for `period_s`.
     A copy, by `pickle` or `deepcopy`, is a new environment with the same options.
 
     Args:
-        scenario: A name, a TOML file, or a loaded scenario; its follower is left out, and its
-            `follower` section says which place to keep.
+        scenario: A name, a TOML file, or a loaded scenario; its follower does not run, and its
+            section `follower` has the place to keep.
         period_s: Simulated time of a step; whole ticks.
         duration_s: Simulated time after which an episode is truncated; the scenario's if left out.
-        far_m: An episode terminates where the robot is farther than this from its place.
-        render_mode: None, the only one.
+        far_m: Distance of the robot from its place beyond which an episode terminates [m].
+        render_mode: Must be None.
         settings: Overrides of the scenario, by key: `**{"follower.standoff_m": 1.5}`.
 
     Raises:
-        ConfigError: A setting can't be used; one line says what is allowed.
+        ConfigError: A setting can't be used; the message names the allowed values.
 
     Attributes:
         scenario: The whole configuration, without the follower.
         follower: The follower's section.
-        scale: The twist of the action (1, 1, 1): what wheels and controller can do in each axis.
-        sim: The simulation, for what is not in an observation.
+        scale: The twist of the action (1, 1, 1): the most that wheels and controller allow.
+        sim: The simulation, for quantities that are not in an observation.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
             )
         )
         reach = self.scenario.sensor.max_range_m
-        speeds = [2.0 * speed for speed in self.scale]  # a wheel that skids may say more
+        speeds = [2.0 * speed for speed in self.scale]  # a skidding wheel may report more
         self._high = np.array([reach, reach, 1, 1, AGE_S, *speeds, 1, 1, 1], np.float32)
         self._low = -self._high
         self._low[Observation._fields.index("age_s")] = 0.0
@@ -138,10 +138,10 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode; `seed` is the scenario's: that of the noise.
+        """Begin an episode; `seed` is the scenario's seed, which determines the noise.
 
         Raises:
-            ConfigError: It is none.
+            ConfigError: The seed is invalid.
         """
         super().reset(seed=seed, options=options)
         state = self.sim.reset(int(self.np_random.integers(2**32)) if seed is None else seed)
@@ -154,7 +154,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         """Drive for a period.
 
         Raises:
-            InvalidAction: It is not three numbers.
+            InvalidAction: The action is not three numbers.
         """
         last, self._action = self._action, self.valid(action).clip(-1.0, 1.0)
         self.sim.command(*(self._action * self.scale).tolist())
@@ -177,7 +177,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         """Return an action as three numbers.
 
         Raises:
-            InvalidAction: It is not three numbers.
+            InvalidAction: The action is not three numbers.
         """
         try:
             wanted = np.asarray(action, float)
@@ -188,14 +188,14 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         return wanted
 
     def action(self, twist: Twist2D) -> Array:
-        """Return the action that commands a twist of base_link, as near as one can."""
+        """Return the action that commands a twist of base_link as closely as possible."""
         return (np.array(twist) / self.scale).clip(-1.0, 1.0).astype(np.float32)
 
     def render(self) -> NoReturn:
         """Refuse to draw.
 
         Raises:
-            NotImplementedError: Always; it says what draws instead.
+            NotImplementedError: Always; the message names an alternative.
         """
         raise NotImplementedError(NO_PICTURES)
 
@@ -204,7 +204,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         self.sim.close()
 
     def _look(self) -> None:
-        """Note whom the sensor has seen last."""
+        """Store the person's pose if the sensor has seen them."""
         frame = self.sim.latest(keys.OBSERVATION.key)
         if not isinstance(frame, Frame) or not frame.poses:
             return

@@ -1,4 +1,4 @@
-"""Policies to compare with: each knows of `mecazen/Follow-v0` what its observations say."""
+"""Policies for comparison: each uses only the observations of `mecazen/Follow-v0`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Policy = Callable[[Array], Array]
 
 
 def random(env: FollowEnv, seed: int) -> Policy:
-    """Return any action, each as likely as any other."""
+    """Return a policy of uniformly random actions."""
     space = env.action_space
     space.seed(seed)
     return lambda _: space.sample()
@@ -34,8 +34,8 @@ def random(env: FollowEnv, seed: int) -> Policy:
 def pid(env: FollowEnv, _: int) -> Policy:
     """Drive by the follower's three PIDs to the place beside the person as last seen.
 
-    There is no estimator, so no velocity to feed forward. It stops once no person is seen for
-    `lost_after_s`.
+    There is no estimator, so no velocity to feed forward. The robot stops once no person is
+    seen for `lost_after_s`.
     """
     law = PoseController(PidControl(feed_forward=False))
 
@@ -50,9 +50,9 @@ def pid(env: FollowEnv, _: int) -> Policy:
 
 
 class Follower:
-    """The follower's own estimator and control law, at the pace of the environment.
+    """The follower's own estimator and control law, run once per step of the environment.
 
-    Where the robot is it integrates from the odometry's twists, one a step.
+    The pose of the robot is integrated from the odometry's twists, one for each step.
     """
 
     def __init__(self, env: FollowEnv, seed: int) -> None:
@@ -87,11 +87,11 @@ POLICIES: dict[str, Callable[[FollowEnv, int], Policy]] = {
     "pid": pid,
     "follower": Follower,
 }
-"""Each is made for an episode, with a seed of its own."""
+"""Constructors by name; each makes a policy for one episode, from the episode's seed."""
 
 
 def policy(name: str) -> Callable[[FollowEnv, int], Policy]:
-    """Return what makes a policy: one of `POLICIES`, or `file.py:Class` of one's own.
+    """Return the constructor of a policy: one of `POLICIES`, or `file.py:Class` of a user.
 
     Raises:
         ConfigError: There is no such policy.

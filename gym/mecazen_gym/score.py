@@ -28,18 +28,18 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 
 class Score(msgspec.Struct, frozen=True):
-    """An episode."""
+    """The score of an episode."""
 
     policy: str
     seed: int
     reward: float
-    """The sum of its rewards."""
+    """Sum of the rewards."""
     followed_s: float
-    """Simulated time until it ended."""
+    """Simulated time until the episode ended."""
     terminated: bool
-    """Whether it ended because the robot was too far or touched the person."""
+    """Whether the episode ended because the robot was too far or touched the person."""
     d_err_m: float | None
-    """The published measures of following until then; none where the person stood."""
+    """Published measures of following until the end; None if the person stood."""
     theta_err_deg: float | None
 
 
@@ -47,7 +47,7 @@ def episode(scenario: Scenario, policy: str, seed: int) -> Score:
     """Return the score of a policy in one episode.
 
     Raises:
-        NodeError: A policy of one's own failed, or its action is none.
+        NodeError: A user policy failed, or its action is invalid.
     """
     env = FollowEnv(scenario)
     total, terminated, truncated = 0.0, False, False
@@ -120,10 +120,10 @@ def score(
     """
     names = dict.fromkeys(policy or POLICIES)
     for name in names:
-        policies.policy(name)  # refuses what is none
+        policies.policy(name)  # refuses unknown policies
     run = partial(episode, load(scenario, settings))
     work = [(name, 1 + n) for name in names for n in range(seeds)]
-    # Ctrl-C ends the workers at once and without a word
+    # Ctrl-C ends the workers at once, without a message
     quiet = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
     with ProcessPoolExecutor(jobs or os.cpu_count(), initializer=quiet) as pool:
         scores = list(pool.map(run, *zip(*work, strict=True)))

@@ -45,7 +45,7 @@ class Arcs:
 class Lemniscate:
     """Bernoulli's lemniscate, endless, from its crossing along x.
 
-    In its own axes x = a·cos u/(1 + sin²u), y = x·sin u, at which its tangent has the angle
+    In its own axes x = a·cos u/(1 + sin²u), y = x·sin u, where its tangent has the angle
     3·atan(sin u) + pi/2 and the curvature 3·cos u/(a·sqrt(1 + sin²u)). Its arc length is an
     elliptic integral, computed numerically. `size` = 2a [m] is the distance between the ends of
     the loops; `side` is 1 if the first loop turns left, -1 if right.
@@ -69,7 +69,7 @@ class Lemniscate:
         sin, cos = math.sin(u), math.cos(u)
         x = self._a * cos / (1.0 + sin * sin)
         left = Pose2D(x, x * sin, 3.0 * math.atan(sin) + math.pi / 2)
-        x, y, yaw = Pose2D(yaw=math.pi / 4).compose(left)  # which leaves the crossing along x
+        x, y, yaw = Pose2D(yaw=math.pi / 4).compose(left)  # so that it leaves the crossing along x
         curvature = 3.0 * cos / (self._a * math.hypot(1.0, sin))
         return Pose2D(x, self._side * y, wrap(self._side * yaw)), self._side * curvature
 

@@ -1,4 +1,4 @@
-"""The person's motion: on a path that gives it for any time, or driven by twists; and the gait."""
+"""The person's motion: on a path known for all times, or driven by twists; and the gait."""
 
 from __future__ import annotations
 

@@ -25,7 +25,8 @@ MAX_ROWS = 400_000
 MIN_STEP_S = 0.001
 """Shortest time between two rows."""
 STANDING_M_S, WALKING_M_S = 0.1, 0.2
-"""Below the first the heading is held, from the second on it follows the motion; partly between."""
+"""Below the first speed the heading is held, above the second it follows the motion, between them
+partly."""
 MAX_YAW_RATE = 3.0
 """Maximum yaw rate of a walking person [rad/s]."""
 

@@ -57,7 +57,7 @@ class Script:
 
 
 def _towards(twist: Twist2D, wanted: Twist2D, linear: float, yaw: float) -> Twist2D:
-    """Return a twist that is nearer to `wanted` by at most these changes."""
+    """Return a twist moved towards `wanted` by at most `linear` and `yaw`."""
     dx, dy, dw = wanted.x - twist.x, wanted.y - twist.y, wanted.yaw - twist.yaw
     size = math.hypot(dx, dy)
     share = min(1.0, linear / size) if size else 0.0

@@ -106,7 +106,7 @@ def simpson(
 ) -> list[float]:
     """Return the integrals (n) of a function from the first of `knots` (n) to each of them.
 
-    By Simpson's rule, with the `values` (n) at the knots and the function's in the middle between.
+    Simpson's rule uses the `values` (n) at the knots and the function in the middle between them.
     """
     integrals = [0.0]
     for (t0, v0), (t1, v1) in pairwise(zip(knots, values, strict=True)):

@@ -34,13 +34,13 @@ def open_side(config: BusConfig, name: str) -> RosSide:
 
 
 def given(row: Row, topic: Topic[Any]) -> list[str]:
-    """Return the keys on which ROS gets an output of a node."""
+    """Return the keys on which ROS receives an output of a node."""
     shown = publications(topic, name_of(row, topic), Namespace(urdf="<robot/>"))
     return [_key(one.name, one.kind) for one in shown]
 
 
 def taken(topic: Topic[Any], robot: str = "", namespace: str | None = None) -> list[str]:
-    """Return the keys on which a topic is taken from ROS; in any namespace where none is given."""
+    """Return the keys on which a topic is received from ROS; in any namespace if none is given."""
     return [
         any_key(join_key(one.name, robot), dds_type(one.kind.ROS_TYPE), namespace)
         for one in subscriptions(topic, topic.key)
@@ -48,7 +48,7 @@ def taken(topic: Topic[Any], robot: str = "", namespace: str | None = None) -> l
 
 
 def asked(calls: Collection[Call[Any, Any]]) -> list[str]:
-    """Return the keys of the ROS services that make one of some queries."""
+    """Return the keys of the ROS services that make any of the given queries."""
     services = (*SERVICES, *PARAMETER_SERVICES)
     return [any_key(one.name, dds_type(one.kind)) for one in services if one.call in calls]
 
@@ -61,7 +61,7 @@ def latched(call: Call[Any, Any]) -> list[str]:
 
 
 def tokens(service: str = "") -> str:
-    """Return the liveliness tokens of a service's ROS node; of all where none is named."""
+    """Return the liveliness tokens of a service's ROS node; of all services if none is named."""
     return f"{ADMIN}/*/*/*/*/*/*/*/{service}/**" if service else f"{ADMIN}/**"
 
 

@@ -1,7 +1,7 @@
 """Messages in ROS 2's CDR (XCDR1): a header of four bytes, then fields aligned to their size.
 
-rosbags decodes. It takes too long to encode the messages of every tick, as
-docs/performance-tables.md shows, so `encode` packs a whole message by `struct`, whose native
+rosbags decodes messages. Its encoder is too slow for the messages of every tick, as
+docs/performance-tables.md shows. So `encode` packs a whole message by `struct`, whose native
 alignment is CDR's.
 """
 
@@ -23,7 +23,7 @@ from rosbags.serde import SerdeError
 from mecazen_ros.types import NO_FIELD, STORE, RosTypeError, Shape, known
 
 HEADER = bytes((0, sys.byteorder == "little", 0, 0))
-"""The byte order of what is written, which is the machine's; no padding at the end."""
+"""Header of encoded messages: the machine's byte order, and no padding at the end."""
 CODES = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d", "bool": "?", "byte": "B",
@@ -36,12 +36,12 @@ Add = Callable[[Any, list[Any]], str]
 
 
 Step = tuple[Add | None, int, int, str]
-"""Fields of a message that are added together: what adds one field, or None for single numbers; the
-places of the first field and behind the last; and the format of single numbers."""
+"""Fields of a message that are added together: the function that adds a field, or None for single
+numbers; the index of the first field, and that after the last; the format of single numbers."""
 
 
 def encode(message: Message) -> bytes:
-    """Return a message in CDR; its bounds are not checked.
+    """Return a message in CDR; the bounds of its fields are not checked.
 
     Raises:
         RefusedError: A whole number does not fit into its type, or a text has no UTF-8.
@@ -93,7 +93,7 @@ def _add_message(message: Message, values: list[Any]) -> str:
 
 @cache
 def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], list[Step]]:
-    """Return what gets the fields of a message, also of those in it, and how they are added."""
+    """Return the getter of a message's fields, also of nested ones, and the steps to add them."""
     fields = dict(_fields(known(kind), ""))
     steps: list[Step] = []
     for at, one in enumerate(fields.values()):
@@ -104,12 +104,12 @@ def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], li
             steps.append((None, begin, at + 1, form + one))
         else:
             steps.append((None, at, at + 1, one))
-    # a message without fields is one byte; with one path more `get` always returns a tuple
+    # a message without fields is one byte; the additional path makes `get` always return a tuple
     return attrgetter(*fields, "ROS_TYPE"), steps or [(None, 0, 0, "x")]
 
 
 def _fields(name: str, path: str) -> Iterator[tuple[str, Add | str]]:
-    """Yield the path to each field of a type, and its format or what adds it."""
+    """Yield the path to each field of a type, and its format or the function that adds it."""
     for field, (node, detail) in STORE.fielddefs[name][1]:
         if node == Nodetype.NAME:
             yield from _fields(detail, f"{path}{field}.")
@@ -122,7 +122,7 @@ def _fields(name: str, path: str) -> Iterator[tuple[str, Add | str]]:
 
 
 def _list_adder(shape: Shape, length: int | None = None) -> Add:
-    """Return what adds the items of a list; numbers in an array must have its length."""
+    """Return the function that adds the items of a list; an array has a fixed length."""
     node, detail = shape
     if node == Nodetype.NAME:
         return lambda items, values: "".join([_add_message(item, values) for item in items])
@@ -141,7 +141,7 @@ def _add_counted(add: Add, items: Sequence[Any], values: list[Any]) -> str:
 def _add_text(text: str, values: list[Any]) -> str:
     data = text.encode()
     values += (len(data) + 1, data)
-    return f"I{len(data) + 1}s"  # with a zero
+    return f"I{len(data) + 1}s"  # with a final zero
 
 
 def _add_texts(texts: Sequence[str], values: list[Any]) -> str:
@@ -163,6 +163,6 @@ def _add_numbers(code: str, length: int | None, numbers: Sequence[float], values
 
 @lru_cache(maxsize=TEXTS)
 def _packed(texts: tuple[str, ...]) -> bytes:
-    """Return texts, each at a multiple of 4."""
+    """Return encoded texts, each aligned to 4 bytes."""
     values: list[Any] = []
     return struct.pack("".join([_add_text(text, values) for text in texts]), *values)

@@ -17,14 +17,14 @@ from mecazen_ros.interfaces import message
 TFMessage, Transform = message("TFMessage"), message("Transform")
 TransformStamped = message("TransformStamped")
 SLICES = 5
-"""A mesh is shown as so many cylinders."""
+"""Number of cylinders that replace a mesh."""
 MOVING_HZ = 25.0
-"""How often the frames of moving joints are published: what an eye needs. All 40 of a robot take
-0.25 ms, so at every tick they would take 2.5 % of a core."""
+"""Rate at which the frames of moving joints are published, which suffices for the eye. All 40
+joints of a robot take 0.25 ms, so at every tick they would take 2.5 % of a core."""
 
 
 def fixed_frames(urdf: str, prefix: str) -> Any:
-    """Return where links are that are fixed to others; `prefix` begins each frame's name."""
+    """Return the frames of links fixed to other links; `prefix` begins each frame's name."""
     fixed = [joint for joint in read(urdf).joints if joint.kind == "fixed"]
     return _frames(fixed, from_rpy(_vectors(joint.origin.rpy for joint in fixed)), Time(), prefix)
 
@@ -43,7 +43,7 @@ class MovingFrames:
         self._last_ns = -1
 
     def __call__(self, state: JointState) -> Any:
-        """Return the frames at some positions; None where it is too soon for them."""
+        """Return the frames for joint positions; None if the next frames are not due yet."""
         time = state.header.stamp
         # simulated time that goes back begins another run
         if 0 <= time.ns - self._last_ns < 1e9 / MOVING_HZ and self._last_ns >= 0:
@@ -61,7 +61,7 @@ class MovingFrames:
 
 
 def _frames(joints: Sequence[Joint], rotations: Array, time: Time, prefix: str) -> Any:
-    """Return where joints have their children, turned by rotations (N, 4)."""
+    """Return the frames of the joints' child links, turned by rotations (N, 4)."""
     return TFMessage(
         transforms=tuple(
             TransformStamped(
@@ -79,12 +79,12 @@ def _vectors(vectors: Iterable[Vector]) -> Array:
 
 
 def portable(urdf: str, meshes: Mapping[str, bytes]) -> str:
-    """Return a URDF in which cylinders stand for the meshes of some names.
+    """Return a URDF in which cylinders replace the meshes that are in `meshes`.
 
     ROS fetches no file from Zenoh, and a `package://` opens only where that package is installed.
 
     Args:
-        urdf: Names its meshes by relative paths.
+        urdf: The URDF, which names its meshes by relative paths.
         meshes: Their binary STL [m]: bodies of revolution about z, as rollers are.
     """
     root = ET.fromstring(urdf)  # noqa: S314 - of our own making, or of a world of the user's own
@@ -101,7 +101,7 @@ def portable(urdf: str, meshes: Mapping[str, bytes]) -> str:
 
 
 def _cylinder(part: ET.Element, middle: float, radius: float, length: float) -> ET.Element:
-    """Return a part of a link with a cylinder about its z axis in the place of its shape."""
+    """Return a part of a link in which a cylinder about the part's z axis replaces the shape."""
     made = ET.Element(part.tag)
     origin = read_origin(part)
     xyz = origin.xyz + rotate(from_rpy(origin.rpy), (0.0, 0.0, middle))
@@ -113,7 +113,7 @@ def _cylinder(part: ET.Element, middle: float, radius: float, length: float) -> 
 
 
 def _slices(stl: bytes) -> Iterator[tuple[float, float, float]]:
-    """Yield middle, radius and length of the slices of a body about z [m]; each holds its part."""
+    """Yield middle, radius and length of slices that enclose a body of revolution about z [m]."""
     facets = np.frombuffer(stl[84:], dtype=[("corners", "<f4", (4, 3)), ("attribute", "<u2")])
     corners = facets["corners"][:, 1:].astype(float)  # after the normal
     radii = np.hypot(corners[..., 0], corners[..., 1]).max(axis=1)

@@ -1,4 +1,4 @@
-"""Messages and services that only ROS sees: none is on a key of mecazen's own."""
+"""Messages and services that only ROS sees: mecazen's own keys carry none of them."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Interface(NamedTuple):
 
 @cache
 def message(name: str) -> Any:
-    """Return the struct of a message by its own name, such as `TFMessage`."""
+    """Return the struct of a message by its name without package, such as `TFMessage`."""
     return _struct(_FULL[name], _DEFINED[_FULL[name]])
 
 

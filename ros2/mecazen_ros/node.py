@@ -72,8 +72,8 @@ class RosSide:
     """The session of a process's ROS nodes.
 
     Args:
-        config: Where to meet, and how ROS is spoken.
-        name: Whose certificate the session shows, where there are certificates.
+        config: Endpoints, domain and distribution of ROS.
+        name: Name of the certificate that the session shows, if certificates are used.
 
     Raises:
         BusError: See `open_session`.
@@ -95,11 +95,11 @@ class RosSide:
         RosNode(self, name, robot, bus, put, scenario, graph)
 
     def keep(self, *declared: object) -> None:
-        """Keep what Zenoh undeclares with its last reference."""
+        """Keep references to declared objects, since Zenoh undeclares objects without reference."""
         self._kept += declared
 
     def shown(self, hashed: str) -> str:
-        """Return a type's hash as keys and tokens have it."""
+        """Return a type's hash as used in keys and tokens."""
         return hashed if self._has_hashes else NO_HASH
 
     def key(self, name: str, dds: str, hashed: str) -> str:
@@ -107,28 +107,28 @@ class RosSide:
         return data_key(self.domain, name, dds, self.shown(hashed))
 
     def declare_token(self, token: str) -> None:
-        """Let ROS see a node or one of its endpoints."""
+        """Declare the liveliness token by which ROS sees a node or an endpoint."""
         self.keep(self.session.liveliness().declare_token(token))
 
     def close(self) -> None:
-        """Close the session, and with it all that was declared."""
+        """Close the session, and with it all its declarations."""
         self.session.close()  # type: ignore[no-untyped-call]
 
 
 def of_ros(config: BusConfig) -> BusConfig:
-    """Return the settings of a session that speaks with ROS: a client, in no namespace."""
+    """Return the settings of a session for ROS: a client without a namespace."""
     endpoints = config.ros_connect or config.connect
     return msgspec.structs.replace(config, mode="client", namespace=None, connect=endpoints)
 
 
 class RosNode:
-    """A service as a ROS node, with all that it publishes, takes and answers.
+    """A service as a ROS node, with its publishers, subscriptions and services.
 
     Args:
         side: Session of the process's ROS nodes.
         name: Name of the service.
-        robot: Its robot, if there are several and it belongs to one.
-        bus: Bus of its process.
+        robot: Name of the service's robot, if there are several robots.
+        bus: Bus of the service's process.
         put: Publishes a message without a stamp, in this process and elsewhere.
         scenario: Configuration for the service's robot.
         graph: Nodes of the scenario.
@@ -171,7 +171,7 @@ class RosNode:
         self._publish(health, robot, health.key, health, here)
 
     def _add(self, row: Row, graph: Graph, robot: str, where: Namespace) -> None:
-        """Declare what a row publishes and takes of one robot."""
+        """Declare the publishers and subscriptions of a row for one robot."""
         if keys.ROBOT_DESCRIPTION in row.calls:
             described = ask_description(self._bus, robot, DESCRIPTION_TIMEOUT_S)
             where = where._replace(urdf=described.urdf)
@@ -232,7 +232,7 @@ class RosNode:
                 raise RefusedError(f"payload of more than {topic.max_bytes} bytes")
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
-            attached(sample)  # no ROS node sends or takes a sample without one
+            attached(sample)  # no ROS node sends or accepts a sample without an attachment
             message: Message = one.convert(
                 cdr.decode(sample.payload.to_bytes(), one.kind, one.make_finite)
             )
@@ -272,7 +272,7 @@ class RosNode:
         self._side.keep(serve(self._side.session, self._bus, key, source, respond))
 
     def _ask(self, call: Call[Any, Any], request: Message, reply: Reply[Any]) -> None:
-        """Have a query answered that this process serves, now or later."""
+        """Pass a query to its server in this process, which answers now or later."""
         self._bus.server(call_of_robot(call, self._robot))(request, reply)
 
     def _declare(
@@ -292,7 +292,7 @@ class RosNode:
 
 
 def _sender(publisher: zenoh.Publisher, gid: bytes, one: RosTopic) -> Send:
-    """Return what publishes a message in ROS; not one from outside, perhaps from ROS itself."""
+    """Return a function that publishes messages in ROS, except those from outside (no stamp)."""
     sequence = count(1)
 
     def send(message: Message, stamp: Stamp | None) -> None:
@@ -304,7 +304,7 @@ def _sender(publisher: zenoh.Publisher, gid: bytes, one: RosTopic) -> Send:
 
 
 def _match(queue: Queue, listeners: list[Send], send: Send, status: zenoh.MatchingStatus) -> None:
-    """Have the process's thread listen from a topic's first subscriber until its last."""
+    """Keep `send` among the listeners, on the process's thread, while the topic has subscribers."""
 
     def change() -> None:
         if status.matching != (send in listeners):
@@ -319,7 +319,7 @@ def _type(kind: type[Message]) -> tuple[str, str]:
 
 
 def _service_type(service: Service) -> tuple[str, str]:
-    """Return the same of a service's type."""
+    """Return a service's type in DDS's spelling, and its hash."""
     return dds_type(service.kind), service_hash(service.kind, *service.interface)
 
 
@@ -334,7 +334,7 @@ def _is_common(row: Row, topic: Topic[Any]) -> bool:
 
 
 def _taker(graph: Graph, topic: Topic[Any]) -> Row | None:
-    """Return the one node that takes a topic from ROS; others hear it on the plain key."""
+    """Return the only node that receives a topic from ROS; others receive it on the plain key."""
     takers = (
         row
         for row in graph.rows

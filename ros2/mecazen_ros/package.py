@@ -53,7 +53,7 @@ _MANIFEST = """\
 
 
 def files(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Yield each file of the package in `folder`, and what it must hold."""
+    """Yield each file of the package in `folder`, and its required content."""
     met = dict.fromkeys(kind for topic in TOPICS for kind in parts(topic.type))
     own = sorted((kind for kind in met if _package(kind) == NAME), key=lambda kind: kind.__name__)
     packages = sorted({_package(part) for kind in own for part in parts(kind)} - {NAME})

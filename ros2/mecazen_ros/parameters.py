@@ -1,7 +1,7 @@
 """The parameters of ROS nodes: the live settings of each service, over mecazen's own queries.
 
-A node has the parameters of its service's section under names without the section's, and
-`use_sim_time`. The owner of time answers for all nodes, since it owns the changes.
+A node has the parameters of its service's section, named without the section, and `use_sim_time`.
+The owner of time answers for all nodes, since it owns the changes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ USE_SIM_TIME = "use_sim_time"
 SIM_TIME = m.ParameterDescriptor(USE_SIM_TIME, "true", "bool", allowed="true")
 NOT_SET = m.ParameterDescriptor()
 NUMBERS = {"bool": 1, "integer": 2, "float": 3, "string": 4, "list": 9}
-"""Numbers of types in ROS. A list that is left out counts as one of texts."""
+"""Numbers of types in ROS. A list that is left out counts as a list of texts."""
 ITEMS = {bool: 1, int: 2, float: 3, str: 4}
 ARRAYS = {1: 6, 2: 7, 3: 8, 4: 9}
 """Types of arrays by those of their items."""
@@ -38,7 +38,7 @@ class NodeParameters:
 
     Args:
         service: Service of the node.
-        robot: Robot of the node, where there are several. Other settings are those of all robots.
+        robot: Robot of the node, if there are several. Other settings apply to all robots.
         ask: Queries the owner of time; a refusal is a BusError.
     """
 
@@ -49,7 +49,7 @@ class NodeParameters:
         self._ask = ask
 
     def list_parameters(self, request: Any) -> dict[str, Any]:
-        """Return names: below prefixes, to a depth."""
+        """Return the names below the requested prefixes, to the requested depth."""
         names = tuple(name for name in self._known() if _is_listed(name, request))
         prefixes = dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name)
         return {"result": message("ListParametersResult")(names, tuple(prefixes))}
@@ -63,16 +63,16 @@ class NodeParameters:
         return {"types": bytes(_value(of).type for of in self._of(request))}
 
     def describe_parameters(self, request: Any) -> dict[str, Any]:
-        """Return units and what is allowed."""
+        """Return units and allowed values."""
         described = zip(request.names, self._of(request), strict=True)
         return {"descriptors": tuple(_descriptor(*one) for one in described)}
 
     def set_parameters(self, request: Any) -> dict[str, Any]:
-        """Set each by itself."""
+        """Set each parameter independently of the others."""
         return {"results": tuple(self._set([one]) for one in request.parameters)}
 
     def set_parameters_atomically(self, request: Any) -> dict[str, Any]:
-        """Set all or none."""
+        """Set all parameters or none."""
         return {"result": self._set(request.parameters)}
 
     def _known(self) -> dict[str, m.ParameterDescriptor]:
@@ -101,7 +101,7 @@ class NodeParameters:
         return Result(True)
 
     def _named(self, problem: str) -> str:
-        """Return a problem of the simulation with the names that the node's parameters have."""
+        """Return an error of the simulation with the names of the node's parameters."""
         own = "|".join(map(re.escape, self._prefixes))
         return re.sub(rf"(^|did you mean )({own})", r"\1", problem)
 
@@ -112,7 +112,7 @@ class NodeParameters:
 
 
 def _is_listed(name: str, request: Any) -> bool:
-    """Return whether a list has a name, as in rclcpp."""
+    """Return whether a request for a list includes a name, as in rclcpp."""
     below = [
         name.removeprefix(f"{prefix}.")
         for prefix in request.prefixes
@@ -125,7 +125,7 @@ def _is_listed(name: str, request: Any) -> bool:
 
 
 def _value(parameter: m.ParameterDescriptor) -> Any:
-    """Return a parameter's value; in TOML, as a text, where ROS has no type for it."""
+    """Return a parameter's value; as text in TOML if ROS has no type for it."""
     if not parameter.value:
         return Value()
     value = parse_value(parameter.value)
@@ -141,7 +141,7 @@ def _value(parameter: m.ParameterDescriptor) -> Any:
 
 
 def _number(value: Any) -> int:
-    """Return the number of a value's type; 0 where ROS has none."""
+    """Return the number of a value's type; 0 if ROS has no such type."""
     if not isinstance(value, list):
         is_large = isinstance(value, int) and not -(2**63) <= value < 2**63
         return 0 if is_large else ITEMS.get(type(value), 0)
@@ -151,7 +151,7 @@ def _number(value: Any) -> int:
 
 
 def _text(parameter: Any) -> str:
-    """Return a value in TOML; empty where it is not set, which leaves the setting out."""
+    """Return a value in TOML; empty if it is not set, which leaves the setting out."""
     number = parameter.value.type
     if not number:
         return ""
@@ -189,4 +189,4 @@ PARAMETER_SERVICES = tuple(
     Service(name, kind("rcl_interfaces", name), call, getattr(NodeParameters, name))
     for name, call in _METHODS.items()
 )
-"""Services that every node has, under names within the node; each answers by a method."""
+"""Services of every node, with names relative to the node; methods of `NodeParameters` answer."""

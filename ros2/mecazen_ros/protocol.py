@@ -15,23 +15,23 @@ from mecazen.errors import RefusedError
 ADMIN = "@ros2_lv"
 """The first chunk of every liveliness token."""
 NO_HASH = "TypeHashNotSupported"
-"""What Humble has in the place of every type hash."""
+"""Text that Humble has in place of every type hash."""
 GID_BYTES = 16
 
 _ATTACHMENT = struct.Struct(f"<qqB{GID_BYTES}s")
 
 
 class Qos(NamedTuple):
-    """Quality of service, as far as mecazen offers any: the newest `depth` samples are kept."""
+    """Quality of service as mecazen uses it: the newest `depth` samples are kept."""
 
     depth: int = 10
     reliable: bool = True
     latched: bool = False
-    """Whether who subscribes later gets the newest samples (transient local)."""
+    """Whether late subscribers receive the newest samples (transient local)."""
 
     @property
     def text(self) -> str:
-        """The six fields of a token; one that has rmw_zenoh's default is empty."""
+        """The six fields of a token; a field with rmw_zenoh's default is empty."""
         reliability = "" if self.reliable else "2"
         durability = "1" if self.latched else ""
         return f"{reliability}:{durability}:,{self.depth}:,:,:,,"
@@ -46,22 +46,22 @@ class Attachment(NamedTuple):
     """The attachment of every sample, request and reply."""
 
     sequence: int
-    """From 1; a reply repeats that of its request."""
+    """Number from 1; a reply repeats that of its request."""
     time_ns: int
-    """When it was sent, by the wall clock."""
+    """Wall time at which the message was sent."""
     gid: bytes
     """Identity of the publisher or client."""
 
     def pack(self) -> bytes:
-        """Return it as bytes."""
+        """Return the attachment as bytes."""
         return _ATTACHMENT.pack(self.sequence, self.time_ns, GID_BYTES, self.gid)
 
     @classmethod
     def unpack(cls, attachment: bytes) -> Attachment:
-        """Return what some bytes hold; there may be more behind it, as rmw_zenoh has it.
+        """Return the attachment in some bytes; further bytes may follow, as in rmw_zenoh.
 
         Raises:
-            RefusedError: They hold something else.
+            RefusedError: The bytes are no attachment of rmw_zenoh.
         """
         if len(attachment) < _ATTACHMENT.size:
             raise RefusedError(
@@ -82,7 +82,7 @@ class Node(NamedTuple):
     number: int
     """Number of the node in its session."""
     namespace: str
-    """Without slashes at its ends; empty for the root."""
+    """Namespace without slashes at its ends; empty for the root."""
     name: str
 
     @property
@@ -96,10 +96,10 @@ class Node(NamedTuple):
         Args:
             number: Number of the endpoint in its session; nodes and endpoints share numbers.
             kind: MP, MS or SS.
-            topic: Its whole name, without a leading slash.
+            topic: Whole name of the topic or service, without a leading slash.
             dds: The type, in DDS's spelling.
             hashed: The type's hash.
-            qos: Its quality of service.
+            qos: Quality of service of the endpoint.
         """
         return f"{self._token(number, kind)}/{_mangled(topic)}/{dds}/{hashed}/{qos.text}"
 
@@ -126,7 +126,7 @@ def data_key(domain: int, topic: str, dds: str, hashed: str) -> str:
 def any_key(name: str, dds: str, namespace: str | None = None) -> str:
     """Return the expression of a topic's or service's keys in every domain, and any namespace.
 
-    Without a namespace it holds those of longer names as well, such as `guard/cmd_vel`.
+    Without a namespace it also matches longer names, such as `guard/cmd_vel`.
     """
     before = "**" if namespace is None else "/".join(filter(None, ("*", namespace)))
     return f"{before}/{name.removeprefix('/')}/{dds}/*"
@@ -135,6 +135,6 @@ def any_key(name: str, dds: str, namespace: str | None = None) -> str:
 def gid_of(token: str) -> bytes:
     """Return the identity of an endpoint: 16 bytes, different for each.
 
-    rmw_zenoh hashes the token by XXH3. No receiver checks it, so another hash does as well.
+    rmw_zenoh hashes the token by XXH3. No receiver checks it, so another hash is sufficient.
     """
     return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()

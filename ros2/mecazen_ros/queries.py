@@ -36,16 +36,16 @@ class _QueryReply(Reply[Any]):
         self._give, self._service = give, service
 
     def answer(self, message: Any) -> None:
-        """Respond that it was done."""
+        """Respond that the request succeeded."""
         self._give(self._service.respond(OK, "", message))
 
     def refuse(self, reason: str) -> None:
-        """Respond that it failed: to an error of Zenoh a ROS client does not react."""
+        """Respond that the request failed, since ROS clients do not react to an error of Zenoh."""
         self._give(self._service.respond(FAILED, reason))
 
 
 def by_query(service: Service, ask: Ask) -> Respond:
-    """Return a function that answers a service by a query that the process serves."""
+    """Return a function that answers requests by a query to a server in this process."""
 
     def respond(payload: bytes, give: Give) -> None:
         try:
@@ -59,7 +59,7 @@ def by_query(service: Service, ask: Ask) -> Respond:
 
 
 def by_parameters(service: Service, parameters: NodeParameters) -> Respond:
-    """Return a function that answers for the parameters of a node; what is malformed, by zeros."""
+    """Return a function that answers requests for a node's parameters; malformed ones by zeros."""
 
     def respond(payload: bytes, give: Give) -> None:
         try:
@@ -75,7 +75,7 @@ def by_parameters(service: Service, parameters: NodeParameters) -> Respond:
 def serve(
     session: zenoh.Session, bus: ZenohBus, key: str, source: str, respond: Respond
 ) -> zenoh.Queryable[None]:
-    """Answer requests on a key, on the bus's thread; refused ones count under the name `source`."""
+    """Answer requests on a key, on the bus's thread; count refused requests under `source`."""
     refusals = Refusals(bus.queue, bus.refuse)
 
     def take(query: zenoh.Query) -> None:
@@ -103,7 +103,7 @@ def attached(came: zenoh.Sample | zenoh.Query) -> Attachment:
     """Return the attachment of a sample or a request.
 
     Raises:
-        RefusedError: It is not rmw_zenoh's.
+        RefusedError: The attachment is not rmw_zenoh's.
     """
     return Attachment.unpack(b"" if came.attachment is None else came.attachment.to_bytes())
 

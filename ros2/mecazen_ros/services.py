@@ -1,6 +1,7 @@
 """The ROS services of the simulation, over mecazen's own queries.
 
-`std_srvs/srv/Trigger` for clients that have nothing else, and simulation_interfaces, the standard.
+There are services of `std_srvs/srv/Trigger`, for simple clients, and of simulation_interfaces, the
+standard.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from mecazen_ros.interfaces import Interface, message, service
 UNSUPPORTED, OK, FAILED = 0, 1, 4
 """Results of simulation_interfaces."""
 PLAYING, PAUSED = 1, 2
-"""Its states of a simulation."""
+"""States of a simulation in simulation_interfaces."""
 WHOLE = (0, 255)
-"""Its scopes of a reset that mean everything."""
+"""Scopes of a reset in simulation_interfaces that mean everything."""
 MAX_STEPS = 10**9
 TRIGGER = "std_srvs/srv/Trigger"
 STATE = "simulation_interfaces/srv/GetSimulationState"
@@ -31,15 +32,15 @@ Query = tuple[Call[Any, Any], Message]
 
 
 class Service(NamedTuple):
-    """A ROS service; the node that answers the query `call` has it, or each node its own."""
+    """A ROS service of the node that answers the query `call`, or of each node."""
 
     name: str
     kind: str
     call: Call[Any, Any]
     """The query that a client must be allowed to make."""
     ask: Callable[..., Any]
-    """Returns the query for a request, or raises RefusedError; for the parameters of a node, the
-    fields of the response."""
+    """Returns the query for a request, or raises RefusedError; for services on the parameters of a
+    node, returns the fields of the response."""
 
     @property
     def interface(self) -> Interface:
@@ -85,7 +86,7 @@ def _trigger(call: Call[Any, Any]) -> Service:
 
 
 def kind(package: str, name: str) -> str:
-    """Return the type of a service that has its name."""
+    """Return the type of a service that is named after its type."""
     return f"{package}/srv/{name.title().replace('_', '')}"
 
 

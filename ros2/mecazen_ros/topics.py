@@ -1,4 +1,4 @@
-"""How the graph's topics look in ROS: the one table of names, messages, qualities and frames."""
+"""The table of the graph's topics in ROS: names, messages, qualities of service and frames."""
 
 from __future__ import annotations
 
@@ -35,36 +35,36 @@ DESCRIBED: Mapping[str, type[Message]] = {
 
 
 class Namespace(NamedTuple):
-    """A namespace of ROS names: the bus's, and then a robot's."""
+    """A namespace of ROS names: that of the bus, followed by that of a robot."""
 
     name: str = ""
-    """Without slashes at its ends."""
+    """Name without slashes at its ends."""
     urdf: str = ""
-    """The description of its robot, where this process has it."""
+    """URDF of the namespace's robot, if this process has it."""
 
     @property
     def prefix(self) -> str:
-        """Prefix of the names of frames, which all robots have in one tree."""
+        """Prefix of frame names, since the frames of all robots are in one tree."""
         return f"{self.name}/" if self.name else ""
 
     def within(self, robot: str) -> Namespace:
-        """Return the namespace of one of several robots; itself where the name is empty."""
+        """Return the namespace of one of several robots; this namespace if the name is empty."""
         return self._replace(name=self.prefix + robot) if robot else self
 
     def whole(self, name: str) -> str:
-        """Return a name without its leading slash; a name that has one is of no robot."""
+        """Return a full name; a name with a leading slash is in no robot's namespace."""
         return name[1:] if name.startswith("/") else self.prefix + name
 
 
 class RosTopic(NamedTuple):
-    """A ROS topic that shows one of the graph's, or whose messages are published on an open one."""
+    """A ROS topic that shows a topic of the graph, or whose messages go to an open topic of it."""
 
     name: str
-    """With a leading slash in no robot's namespace."""
+    """Name, with a leading slash if it is in no robot's namespace."""
     kind: type[Message]
     qos: Qos
     convert: Callable[[Any], Any]
-    """Returns the message for the other side; None where there is none to publish."""
+    """Returns the message for the other side; None if there is no message to publish."""
     make_finite: Callable[[dict[str, Any]], None] | None = None
     """Replaces numbers of a message from ROS that are not finite."""
 
@@ -72,15 +72,15 @@ class RosTopic(NamedTuple):
 def name_of(row: Row, topic: Topic[Any]) -> str:
     """Return the ROS name of a node's output.
 
-    An open topic has another, `follower/cmd_vel`: the nodes that take `cmd_vel` from ROS hear the
-    output already.
+    An open topic has another name, `follower/cmd_vel`, since the nodes that receive `cmd_vel` from
+    ROS already receive the output.
     """
     key = ros_name(row.on_bus(topic).key)
     return f"{row.name}/{key}" if topic.open else key
 
 
 def publications(topic: Topic[Any], name: str, where: Namespace) -> list[RosTopic]:
-    """Return the ROS topics that show a topic; `name` is for the one with the same message."""
+    """Return the ROS topics that show a topic; `name` is for the topic with the same message."""
     prefix = where.prefix
     plain = RosTopic(name, topic.type, Qos(), lambda seen: prefixed(seen, prefix))
     found = [plain]
@@ -109,7 +109,7 @@ def publications(topic: Topic[Any], name: str, where: Namespace) -> list[RosTopi
 
 
 def subscriptions(topic: Topic[Any], key: str, *, is_given: bool = True) -> list[RosTopic]:
-    """Return the ROS topics that are taken for a topic: one that is open, or of a real sensor.
+    """Return the ROS topics that are received for a topic, if it is open or of a real sensor.
 
     Args:
         topic: The topic.
@@ -121,7 +121,7 @@ def subscriptions(topic: Topic[Any], key: str, *, is_given: bool = True) -> list
     found = [RosTopic(ros_name(key), topic.type, Qos(), lambda taken: taken)]
     if topic.type is m.LaserScan:
         found = [found[0]._replace(qos=SENSOR_DATA, make_finite=of_rep_117)]
-    if topic.type is m.Twist:  # Nav2 sends either, and a type is another key
+    if topic.type is m.Twist:  # Nav2 sends either type, and each type has its own key
         found.append(RosTopic(ros_name(key), TwistStamped, Qos(), lambda stamped: stamped.twist))
     return found
 
@@ -132,7 +132,7 @@ def ros_name(name: str) -> str:
 
 
 def prefixed(message: Any, prefix: str) -> Any:
-    """Return a message whose frames have a prefix; the world, which all share, has none."""
+    """Return a message whose frames have a prefix; the frame `world`, which all share, has none."""
     if not prefix:
         return message
     changed: dict[str, Any] = {}
@@ -159,7 +159,7 @@ def rep_117(scan: m.LaserScan) -> m.LaserScan:
 
 
 def _unmeasured(battery: m.BatteryState) -> m.BatteryState:
-    """Return a battery's state with NaN for what is not measured; see `BatteryState`."""
+    """Return a battery's state with NaN for unmeasured quantities; see `BatteryState`."""
     names = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
     lost = {name: math.nan for name in names if getattr(battery, name) == 0.0}
     return msgspec.structs.replace(battery, **lost)
@@ -170,13 +170,13 @@ def of_rep_117(scan: dict[str, Any]) -> None:
     least, most = scan["range_min"], scan["range_max"]
     scan["intensities"] = ()
     scan["ranges"] = tuple(
-        min(r, most + 1.0) if r >= least and r > 0.0 else 0.0  # NaN is not above anything
+        min(r, most + 1.0) if r >= least and r > 0.0 else 0.0  # comparisons with NaN are false
         for r in scan["ranges"]
     )
 
 
 def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:
-    """Return health under names that tell robots apart."""
+    """Return diagnostics whose names begin with the robot's namespace."""
     if not prefix:
         return array
     return m.DiagnosticArray(
@@ -202,7 +202,7 @@ def _uncertain(odometry: m.Odometry) -> m.Odometry:
 
 
 def _frame(odometry: m.Odometry, prefix: str, child: str = "") -> Any:
-    """Return the frame of an odometry in its parent's."""
+    """Return the child frame of an odometry, relative to the odometry's frame."""
     frame, pose = odometry.header.frame_id, odometry.pose.pose
     at = pose.position
     header = m.Header(odometry.header.stamp, frame if frame == WORLD else prefix + frame)

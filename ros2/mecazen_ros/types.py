@@ -2,7 +2,7 @@
 
 The type of a field follows from its annotation: an integer takes the fewest of 8, 16, 32 or 64
 bits that hold its bounds, `bytes` are `uint8[]`, and a tuple whose least and greatest lengths are
-equal is an array. `msgspec.Meta(extra={"ros": "byte"})` names a type that the bounds can't.
+equal is an array. `msgspec.Meta(extra={"ros": "byte"})` names a type that bounds can't.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class ServiceEventInfo(Message):
 
 @cache
 def fields(kind: type[Message]) -> tuple[tuple[str, Shape], ...]:
-    """Return the names and types of a message's fields; those of messages in it become known.
+    """Return the names and types of a message's fields; register nested messages as well.
 
     Raises:
         RosTypeError: ROS has no type for a field.
@@ -62,7 +62,7 @@ def fields(kind: type[Message]) -> tuple[tuple[str, Shape], ...]:
 
 
 def _shape(node: mi.Type) -> Shape:
-    """Return the type of an annotation; a KeyError holds one that ROS has no type for."""
+    """Return the type of an annotation; a KeyError names a type that ROS lacks."""
     node, own = _without_metadata(node)
     if isinstance(node, mi.VarTupleType | mi.BytesType):
         item = _base(own or "uint8") if isinstance(node, mi.BytesType) else _shape(node.item_type)
@@ -97,7 +97,7 @@ def _number(node: mi.Type) -> str:
 
 
 def _bounds(node: mi.IntType) -> tuple[float, float]:
-    """Return the least and the greatest value of a whole number; infinite where there is none."""
+    """Return the least and the greatest value of a whole number; infinite if there is none."""
     low = node.ge if node.ge is not None else node.gt + 1 if node.gt is not None else -float("inf")
     high = node.le if node.le is not None else node.lt - 1 if node.lt is not None else float("inf")
     return low, high
@@ -105,7 +105,7 @@ def _bounds(node: mi.IntType) -> tuple[float, float]:
 
 @cache
 def known(kind: type[Message]) -> str:
-    """Return the name of a message's type, after telling rosbags its fields.
+    """Return the name of a message's type, after registering its fields with rosbags.
 
     Raises:
         RosTypeError: ROS has no type for a field, or another message has this name.
@@ -116,7 +116,7 @@ def known(kind: type[Message]) -> str:
 
 
 def _made_by(kind: type[Message]) -> Any:
-    """Return what rosbags calls with the fields of a message: it gives them as JSON would."""
+    """Return the function that rosbags calls with a message's fields to get them as in JSON."""
     names = kind.__struct_fields__
     nodes = [_without_metadata(node)[0] for _, node in _annotations(kind)]
     turns: list[Any] = [
@@ -124,7 +124,7 @@ def _made_by(kind: type[Message]) -> Any:
     ]
 
     def made(*values: Any) -> dict[str, Any]:
-        given = zip(names, turns, values, strict=False)  # a placeholder is no field
+        given = zip(names, turns, values, strict=False)  # drops the placeholder field
         return {
             name: turn(value) if isinstance(value, np.ndarray) else value
             for name, turn, value in given
@@ -159,7 +159,7 @@ def _tell(name: str, members: Iterable[tuple[str, Shape]], constants: Iterable[A
 
 
 def parts(kind: type[Message]) -> tuple[type[Message], ...]:
-    """Return a message's type, then all that it contains, each when it is first met."""
+    """Return a message's type, then all types in it, each once, in the order of first use."""
     found = {kind: None}
     for _, annotation in _annotations(kind):
         node, _ = _without_metadata(annotation)
@@ -193,8 +193,8 @@ def type_hash(kind: type[Message]) -> str:
 def service_hash(name: str, request: type[Message], response: type[Message]) -> str:
     """Return the hash of a service's type, such as `std_srvs/srv/Trigger`.
 
-    It is that of a message with the request, the response and the event that introspection
-    publishes. The names of `request` and `response` don't matter, their fields do.
+    The hash is that of a message with the request, the response and the event that introspection
+    publishes. The fields of `request` and `response` matter, not their names.
 
     Raises:
         RosTypeError: ROS has no type for a field.

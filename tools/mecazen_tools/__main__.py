@@ -14,7 +14,7 @@ def main() -> None:
     interrupt = signal.getsignal(signal.SIGINT)
     if interrupt is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # NumPy's threads would keep it from being forked; its products here are too small for them
+    # NumPy's threads would prevent forks of this process; its products are too small to need them
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from mecazen_tools.cli import main as run  # noqa: PLC0415  # takes a second
     from mecazen_tools.files import WholeWrites  # noqa: PLC0415
@@ -29,7 +29,7 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
     except Exception as error:
-        # Python raises another one from it where a class is being made, as in a late import
+        # while a class is being made, as in a late import, Python raises another exception from it
         if isinstance(error.__cause__, KeyboardInterrupt):
             sys.exit(INTERRUPTED)
         raise

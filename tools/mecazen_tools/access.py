@@ -37,9 +37,9 @@ HEADER = """\
 LATCHED = "**/@adv/**"
 """Keys that announce latched samples to late subscribers; `**` does not match them."""
 ANYONE, ROUTER = "anyone", "router"
-"""Any certificate; the router's."""
+"""Subjects of rules: any certificate, and the router's certificate."""
 TELEOP = "teleop"
-"""The token of `mecazen teleop`, which the operator runs, as `mecazen record`."""
+"""The token of `mecazen teleop`, which the operator runs, like `mecazen record`."""
 
 
 def secure_json5() -> str:
@@ -160,12 +160,12 @@ def _given(row: Row, topic: keys.Topic[Any]) -> list[str]:
 
 
 def _taken(topic: keys.Topic[Any]) -> list[str]:
-    """Return the keys on which bridges take a topic."""
+    """Return the keys on which bridges receive a topic."""
     return [key for bridge in installed() for key in bridge.taken(topic)]
 
 
 def _handed_on(row: Row) -> list[keys.Topic[Any]]:
-    """Return the open topics that a node may take from a bridge."""
+    """Return the open topics that a node may receive from a bridge."""
     takes = not (row.observes or row.shared)
     return [given.topic for given in row.inputs if given.topic.open and takes]
 

@@ -64,7 +64,7 @@ def create(folder: Path, hosts: Sequence[str] = ()) -> None:
             .issuer_name(authority_name)
             .public_key(key.public_key())
             .serial_number(x509.random_serial_number())
-            # a day for clocks that differ
+            # tolerate clocks that differ by up to a day
             .not_valid_before(now - timedelta(days=1))
             .not_valid_after(now + timedelta(days=VALID_DAYS))
         )
@@ -79,7 +79,7 @@ def create(folder: Path, hosts: Sequence[str] = ()) -> None:
         .sign(authority_key, SHA256())
     )
     files = {f"{AUTHORITY}.crt": authority.public_bytes(Encoding.PEM)}
-    # each is both: a peer listens and connects
+    # each certificate is for both: a peer listens and connects
     usage = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
     for name in NAMES:
         key = ec.generate_private_key(ec.SECP256R1())
@@ -100,7 +100,7 @@ def _place(host: str) -> x509.GeneralName:
     """Return a host as a name in a certificate.
 
     Raises:
-        MecazenError: It is neither an address nor a name.
+        MecazenError: The host is neither an address nor a name.
     """
     from cryptography import x509  # noqa: PLC0415
 
@@ -136,6 +136,6 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
             with open(os.open(folder / name, flags, mode), "wb") as file:  # noqa: PTH123
                 file.write(data)
     except OSError as error:
-        # half of the certificates would be of no use, and in the way of the next try
+        # an incomplete folder would be useless, and would block the next attempt
         shutil.rmtree(folder, ignore_errors=True)
         raise MecazenError(f"{folder}: can't be written: {error.strerror}") from None

@@ -40,7 +40,7 @@ STYLE: list[Any] = [
         "grid.color": "#dddddd",
         "legend.frameon": False,
         "savefig.dpi": 300,
-        # text as text, and the same bytes each time
+        # keep text as text, and make the bytes reproducible
         "svg.fonttype": "none",
         "svg.hashsalt": "mecazen",
     },
@@ -78,7 +78,7 @@ def save(figure: Figure, path: Path, option: str = "") -> None:
     """Write a figure, whole, in the format of the file's suffix.
 
     Raises:
-        MecazenError: It can't be written.
+        MecazenError: The file can't be written.
     """
     from matplotlib import style  # noqa: PLC0415  # only figures need it
 

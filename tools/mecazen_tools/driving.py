@@ -28,7 +28,7 @@ DIRECTIONS = {
     "d": _RIGHT,
     **dict.fromkeys(("j", "left"), Twist2D(yaw=1.0)),
     **dict.fromkeys(("l", "right"), Twist2D(yaw=-1.0)),
-    # curves, for terminals that know one key at a time
+    # curves, for terminals that report one key at a time
     "u": Twist2D(x=1.0, yaw=1.0),
     "o": Twist2D(x=1.0, yaw=-1.0),
 }
@@ -90,7 +90,7 @@ class Hand:
         self._drop_overdue(now_s)
         parts = [DIRECTIONS[key] for key in self._held] + ([stick] if stick else [])
         x, y, yaw = (math.fsum(axis) for axis in zip(Twist2D(), *parts, strict=True))
-        # no faster at a slant than straight on
+        # diagonal motion is no faster than straight motion
         speed = self._speed * self.percent / 100 / max(math.hypot(x, y), 1.0)
         turn = self._turn * self.percent / 100 / max(abs(yaw), 1.0)
         return Twist2D(x * speed, y * speed, yaw * turn)
@@ -102,8 +102,8 @@ class Hand:
 def stick_twist(left_x: float, left_y: float, right_x: float) -> Twist2D:
     """Return the velocity of a gamepad's sticks, as shares of the speeds.
 
-    Each is from -1 to 1, to the right or towards the hand; the left stick moves, the right one
-    turns.
+    Each deflection is from -1 to 1, positive to the right or towards the hand. The left stick
+    moves, the right one turns.
     """
     return Twist2D(x=-_share(left_y), y=-_share(left_x), yaw=-_share(right_x))
 

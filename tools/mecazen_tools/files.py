@@ -33,7 +33,7 @@ def make_folder(folder: Path, option: str) -> None:
     """Make a folder, if there is none.
 
     Raises:
-        MecazenError: It can't be made.
+        MecazenError: The folder can't be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -47,7 +47,7 @@ def write(path: Path, content: bytes, option: str = "") -> None:
 
 
 def write_with(path: Path, save: Callable[[Path], object], option: str = "") -> None:
-    """Have `save` write beside `path`, and put the result in its place when it is whole.
+    """Let `save` write a file beside `path`, which replaces the file at `path` once it is complete.
 
     A failure leaves neither half a file nor a changed one.
 
@@ -57,7 +57,7 @@ def write_with(path: Path, save: Callable[[Path], object], option: str = "") -> 
         option: The command-line option, for the message.
 
     Raises:
-        MecazenError: It can't be written, as on a full disk.
+        MecazenError: The file can't be written, as on a full disk.
     """
     try:
         if path.exists() and not path.is_file():

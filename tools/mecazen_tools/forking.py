@@ -38,7 +38,7 @@ STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Start(msgspec.Struct, frozen=True, tag=True):
-    """Fork a process. Its ends of two pipes come along: for standard error, and for reports."""
+    """Request to fork a process, sent with its ends of two pipes: standard error and reports."""
 
     process: Process
     cores: tuple[int, ...]
@@ -48,7 +48,7 @@ class Start(msgspec.Struct, frozen=True, tag=True):
 
 
 class Signal(msgspec.Struct, frozen=True, tag=True):
-    """Send a process a signal, unless it has ended."""
+    """Request to send a signal to a process, unless it has ended."""
 
     pid: int
     number: int
@@ -58,7 +58,7 @@ class Child:
     """A process that was forked.
 
     Args:
-        pid: Its id.
+        pid: Id of the process.
         reports: Pipe with its reports, and with the parent's report of its end.
         errors: Pipe with its standard error.
     """
@@ -72,7 +72,7 @@ class Child:
         self.ended = threading.Event()
 
     def next_report(self) -> Report | None:
-        """Wait for its next report; None if it has ended."""
+        """Wait for the next report of the process; return None if the process has ended."""
         line = self.reports.readline()
         report = msgspec.json.decode(line, type=Report) if line else None
         if report is not None and report.kind == "ended":
@@ -87,12 +87,13 @@ class Child:
 class Parent:
     """A client of the parent. The parent and its forks end with the process that holds this object.
 
-    The parent is forked from this process, if this has no threads, and shares its imports.
+    The parent is forked from this process, if it has a single thread, and shares its imports.
 
     Args:
         path: The scenario's file.
         settings: Its overrides.
-        scenario: Both loaded, so that no fork has to; None if that has imported user nodes.
+        scenario: The scenario loaded from both, so that no fork has to load it; None if loading it
+            has imported user nodes.
     """
 
     def __init__(self, path: Path, settings: Sequence[str], scenario: Scenario | None) -> None:
@@ -103,9 +104,9 @@ class Parent:
                 stdin = (os.POSIX_SPAWN_DUP2, theirs.fileno(), 0)
                 self._pid = os.posix_spawn(command[0], command, os.environ, file_actions=[stdin])
             else:
-                sys.stdout.flush()  # or a fork would write it again
-                gc.freeze()  # a collection would write to all that is shared
-                signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)  # until the fork has its own way
+                sys.stdout.flush()  # else a fork would write the output again
+                gc.freeze()  # a collection would write to all shared memory
+                signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)  # until the fork has handlers
                 self._pid = os.fork()
                 if not self._pid:
                     self._requests.close()
@@ -115,13 +116,13 @@ class Parent:
         self._ended = False
 
     def start(self, process: Process) -> Child | None:
-        """Fork a process that runs where, and is scheduled as, the calling thread is.
+        """Fork a process with the cores and the scheduling of the calling thread.
 
         Returns:
             The process; None if the parent has ended.
 
         Raises:
-            MecazenError: It can't fork.
+            MecazenError: The parent can't fork.
         """
         (reports, report_end), (errors, error_end) = os.pipe(), os.pipe()
         request = Start(
@@ -146,7 +147,7 @@ class Parent:
         return None
 
     def signal(self, pid: int, number: int) -> None:
-        """Send a fork a signal, unless it has ended and its number may be another's."""
+        """Send a fork a signal, unless it has ended: its id may then be another process's."""
         self._ask(Signal(pid, number))
 
     def _ask(self, request: Start | Signal, *descriptors: int) -> None:
@@ -154,7 +155,7 @@ class Parent:
             socket.send_fds(self._requests, [msgspec.json.encode(request)], descriptors)
 
     def close(self) -> None:
-        """End it."""
+        """End the parent."""
         self._requests.close()
         if not self._ended:
             os.waitpid(self._pid, 0)
@@ -175,12 +176,13 @@ class _Forks:
         self._ready = selectors.DefaultSelector()
         self._ready.register(requests, selectors.EVENT_READ)
         self._running: dict[int, tuple[int, int]] = {}
-        """Process, and pipe for the report of its end, by the descriptor that is readable then."""
+        """Process id, and pipe for the report of its end, by a descriptor that is readable after
+        the end."""
 
     def serve(self) -> tuple[Start, int, int] | None:
         """Fork on request until the socket closes; then return None.
 
-        Returns in each fork the request, and the pipes for standard error and for reports.
+        In each fork, return the request, and the pipes for standard error and for reports.
         """
         while True:
             ready = self._ready.select(0.0 if self._running and self._to_import else None)

@@ -1,4 +1,4 @@
-"""Write the files that repeat the code: `make graph`.
+"""Write the files that are generated from the code: `make graph`.
 
 The access rules, pictures of the data flow, sketches, files of installed bridges, and the tables in
 documents between `<!-- graph: NAME -->` and `<!-- /graph -->`.
@@ -26,7 +26,7 @@ _REGION = re.compile(r"(<!-- graph: (\w+) -->\n).*?(<!-- /graph -->)", re.DOTALL
 
 
 def files(root: Path) -> Iterator[tuple[Path, str]]:
-    """Yield each file that is made from the graph, and what it must hold."""
+    """Yield each file that is generated from the graph, and its required content."""
     graph = Graph(GRAPH)
     tables = {
         "keys": keys_table(graph),
@@ -45,7 +45,7 @@ def files(root: Path) -> Iterator[tuple[Path, str]]:
 
 
 def command_reference(root: Path) -> tuple[Path, str]:
-    """Return the reference of the commands that are installed, and what it must hold."""
+    """Return the reference of the commands that are installed, and its required content."""
     return root / COMMANDS, _filled(root / COMMANDS, {"commands": commands(app)})
 
 
@@ -55,7 +55,7 @@ def _filled(path: Path, tables: dict[str, str]) -> str:
 
 
 def main() -> None:
-    """Write the files below the present folder."""
+    """Write the files below the working directory."""
     for path, text in (*files(Path.cwd()), command_reference(Path.cwd())):
         if not path.exists() or path.read_text() != text:
             path.parent.mkdir(parents=True, exist_ok=True)

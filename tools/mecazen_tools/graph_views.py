@@ -17,7 +17,7 @@ from msgspec.structs import fields
 Cells = tuple[str, str, str, str, str]
 
 DEFAULTS = SimpleNamespace(**{field.name: field.default for field in fields(Scenario)})
-"""The sections of a scenario that says nothing."""
+"""The sections of a scenario with their defaults."""
 
 COLUMN, LINE, LEFT, TOP = 118, 34, 356, 118
 """Widths and heights [px]: of a column, of a line, left of the columns, above the lines."""
@@ -31,7 +31,7 @@ LEGEND = (
 
 
 def rate(graph: Graph, topic: Topic[Any]) -> str:
-    """Return how often a topic comes: its rate's configuration key, or `tick`."""
+    """Return the rate of a topic: a configuration key, a number with Hz, `tick`, or `any`."""
     if topic is DIAGNOSTICS:
         return "1 Hz"
     if graph.giver(topic.key) is None:
@@ -41,7 +41,7 @@ def rate(graph: Graph, topic: Topic[Any]) -> str:
 
 
 def topic_rows(graph: Graph) -> list[Cells]:
-    """Return key, message, rate, who publishes and meaning of each topic."""
+    """Return key, message, rate, publisher and meaning of each topic."""
     topics = [topic for topic in graph.topics if not topic.key.startswith("diagnostics/")]
     return [
         (topic.key, topic.type.ROS_TYPE, rate(graph, topic), _source(graph, topic), topic.meaning)
@@ -50,7 +50,7 @@ def topic_rows(graph: Graph) -> list[Cells]:
 
 
 def call_rows(graph: Graph) -> list[Cells]:
-    """Return the same of each query."""
+    """Return the same cells for each query."""
     givers = {call: graph.giver(call.key) for row in graph.rows for call in row.calls}
     return [
         (
@@ -131,7 +131,7 @@ def one_process_each() -> list[tuple[str, list[str]]]:
 
 
 def svg(graph: Graph, processes: Sequence[tuple[str, Sequence[str]]]) -> str:
-    """Return the data flow as an SVG file; `processes` are their names, and the nodes of each."""
+    """Return the data flow as an SVG file; `processes` has the name and nodes of each."""
     nodes = [graph.row(name) for _, names in processes for name in names]
     flow = [row for row in nodes if not row.observes]
     topics = [t for t in graph.topics if any(_mark(row, t.key) for row in flow)]
@@ -182,7 +182,7 @@ def svg(graph: Graph, processes: Sequence[tuple[str, Sequence[str]]]) -> str:
 
 
 def _mark(row: Row, key: str) -> str | None:
-    """Return what a node does with a topic."""
+    """Return the use of a topic by a node: `gives`, or the rule of its input; None: no use."""
     if key in {topic.key for topic in row.outputs}:
         return "gives"
     return next((i.rule for i in row.inputs if i.topic.key == key), None)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class MarkdownTable(msgspec.Struct, frozen=True):
-    """A table of a result, with its title and what it shows."""
+    """A table of a result, with its title and its caption."""
 
     title: str
     caption: str
@@ -21,7 +21,7 @@ class MarkdownTable(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, table: Table) -> MarkdownTable:
-        """Return a table of the terminal; the second line of a cell is put in brackets."""
+        """Convert a table of the terminal; the second line of a cell is put in brackets."""
         from rich.text import Text  # noqa: PLC0415  # slow to import
 
         def plain(shown: object) -> str:

@@ -26,10 +26,10 @@ from mecazen.runtime.report import Report
 from mecazen_tools.forking import Child, Parent
 
 STOP_TIMEOUT_S = 5.0
-"""How long a process may take to end before it is killed."""
+"""Time for a process to end before it is killed [s]."""
 
 STEADY_S = 1.0
-"""A process that ends after less time of work has failed, and its restart waits [s]."""
+"""Time of work below which an ended process has failed, so that its restart waits [s]."""
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
 """Pauses before repeated restarts [s]: the first, which doubles each time, and the longest."""
 
@@ -69,11 +69,11 @@ class _Part:
     """Its services and robot."""
     needed: bool
     error: str = ""
-    """The error that it reported before its end."""
+    """The error that the process reported before its end."""
     has_run: bool = False
-    """Whether it has ever reported that it works."""
+    """Whether the process has ever reported that it works."""
     begin_s: float = math.inf
-    """Begin of its present work [s]; infinite while it does not work."""
+    """Begin of the process's present work [s]; infinite while it does not work."""
     failures: int = 0
     """Number of consecutive ends before `STEADY_S` of work."""
     restart_s: float | None = None
@@ -81,23 +81,23 @@ class _Part:
 
 
 class ProcessError(MecazenError):
-    """A process of the simulation failed; the message is its own."""
+    """A process of the simulation failed; the message is that of the process."""
 
 
 class Supervisor:
     """The processes of one scenario.
 
-    All are forked from one parent (see `forking`), each into a session of its own, so that Ctrl-C
-    reaches only this process, which then ends them; and end by themselves if this process dies.
+    All are forked from one parent (see `forking`), each into its own session. So Ctrl-C reaches
+    only this process, which then ends the others. If this process dies, the others end as well.
 
     With `restart` a process that has ended is started again, at once, or after a pause that grows
-    while it keeps ending. A process that fails before it has ever run, or by its scenario, is still
-    an error.
+    while it keeps ending. A process that fails before it has ever run, or because of its scenario,
+    is still an error.
 
     Args:
         path: The scenario's file.
         settings: Its overrides.
-        scenario: Both loaded; left out, each process loads them.
+        scenario: The scenario loaded from both; left out, each process loads it.
         restart: See above.
     """
 
@@ -127,9 +127,9 @@ class Supervisor:
         return self._parts[name].begin_s < math.inf
 
     def start(self, process: Process, *, needed: bool = True) -> None:
-        """Start a process, or with the service `router` the router.
+        """Start a process; the service `router` is the router.
 
-        Where it is not `needed`, its end is no error.
+        If it is not `needed`, its end is no error.
         """
         self._parts[process.name] = _Part(self._spawn(process), process, needed)
 
@@ -151,7 +151,7 @@ class Supervisor:
         """Start the router and wait until it listens.
 
         Raises:
-            ProcessError: It ended, most often because the port is taken, or says nothing.
+            ProcessError: It ended, most often because the port is taken, or it reports nothing.
         """
         self.start(ROUTER)
         deadline = time.monotonic() + timeout_s
@@ -162,7 +162,7 @@ class Supervisor:
             self.poll(left_s)
 
     def poll(self, timeout_s: float) -> Line | None:
-        """Return the next line that a process wrote, or None when there is none in time.
+        """Return the next line that a process wrote, or None if none is written in time.
 
         Raises:
             ProcessError: A process that is needed has ended, and is not started again.
@@ -193,7 +193,7 @@ class Supervisor:
                 return Line(name, report.text, is_address=True)
 
     def _start_again(self) -> float:
-        """Start again what is due; return when the next is [s], of the monotonic clock."""
+        """Restart the processes that are due; return the monotonic time of the next restart [s]."""
         now = time.monotonic()
         for part in self._parts.values():
             if part.restart_s is not None and part.restart_s <= now:
@@ -208,9 +208,9 @@ class Supervisor:
         # the report of a node begins with its name
         how = _how(event, part.error).removeprefix(f"{event.name}: ")
         worked_s, part.begin_s = time.monotonic() - part.begin_s, math.inf
-        # an observer that says why it can't go on, as on a full disk, would say it again
+        # an observer that reported an error, such as a full disk, would report the error again
         hopeless = not part.has_run or (not part.needed and part.error != "")
-        is_wrong = event.code == ConfigError.exit_code  # the scenario, which stays the same
+        is_wrong = event.code == ConfigError.exit_code  # by the scenario, which stays the same
         if not self._restart or is_wrong or (event.code and event.code > 0 and hopeless):
             if part.needed:
                 raise ProcessError(f"{event.name}: {how}")
@@ -276,7 +276,7 @@ def _how(event: Ended, error: str) -> str:
 def private_router(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
     """Return settings for a router at a free port and a namespace of its own.
 
-    Several runs, and one that is `up`, then do not hear each other.
+    So several runs, also one of `mecazen up`, do not receive each other's samples.
     """
     return (
         f'bus.connect=["{protocol}/{LOOPBACK}:{free_port()}"]',
@@ -286,12 +286,12 @@ def private_router(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
 
 @contextmanager
 def on_one_core() -> Iterator[None]:
-    """Let processes that are started meanwhile share one core, and take turns on it.
+    """Let processes that are started within this context share one core, and take turns on it.
 
-    The parts of a tick in lockstep come one after the other: on one core none has to be
-    woken on another, which is the larger part of a hop's time: without it a distributed run of
-    `back` makes 29 % fewer ticks a second. As batch processes they let a sender finish what it
-    sends before a receiver takes over: without that it makes 17 % fewer.
+    The parts of a tick in lockstep run one after the other. On one core no process has to be woken
+    on another core, which is the larger part of a hop's time: on several cores a distributed run of
+    `back` makes 29 % fewer ticks a second. The policy for batch processes lets a sender finish
+    sending before a receiver takes over: without this policy the run makes 17 % fewer ticks.
     """
     policy = os.sched_getscheduler(0)
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
@@ -304,7 +304,7 @@ def on_one_core() -> Iterator[None]:
 
 @contextmanager
 def beside_that_core() -> Iterator[None]:
-    """Let threads that are started meanwhile keep off the core that the processes share."""
+    """Let threads that are started within this context avoid the core of the processes."""
     cores = os.sched_getaffinity(0)
     with _on(cores - {max(cores)} or cores):
         yield

@@ -32,13 +32,13 @@ HEAD = "| key | value | meaning |\n| --- | --- | --- |"
 
 
 class _Row(NamedTuple):
-    """A setting: its key below the chapter's, its default and range, its docstring."""
+    """A setting: its key relative to the chapter's, its default and range, its docstring."""
 
     keys: tuple[str, ...]
     value: str
     meaning: str
     kinds: tuple[str, ...] = ()
-    """The tables that have it, where `kind` selects one of several."""
+    """The tables that have this setting, if `kind` selects one of several tables."""
 
 
 def configuration() -> str:
@@ -47,7 +47,7 @@ def configuration() -> str:
 
 
 class _Chapters:
-    """The sections of a scenario; a struct is described where it is met first."""
+    """The sections of a scenario; a struct is described where it first occurs."""
 
     def __init__(self) -> None:
         self._homes: dict[type, str] = {}
@@ -73,7 +73,7 @@ class _Chapters:
         return _Row((f"{prefix}{field.encode_name}",), _shown(field), meaning)
 
     def _rows(self, struct: types.StructType, section: str, prefix: str) -> list[_Row]:
-        """Return the rows of a struct and of the structs in it that are met first."""
+        """Return the rows of a struct and of the structs in it that occur for the first time."""
         rows = []
         for field in struct.fields:
             row = self._plain(struct.cls, field, prefix)
@@ -133,7 +133,7 @@ def _structs(kind: types.Type) -> list[types.StructType]:
 
 
 def _chapter(title: str, struct: type, links: str, rows: list[_Row]) -> str:
-    """Return a chapter; neighbours that differ in their keys alone share a row."""
+    """Return a chapter; neighbouring settings that differ only in their keys share a row."""
     lines = []
     for same, group in groupby(rows, key=lambda one: one[1:]):
         value, meaning, kinds = same
@@ -145,7 +145,7 @@ def _chapter(title: str, struct: type, links: str, rows: list[_Row]) -> str:
 
 
 def _shown(field: types.Field) -> str:
-    """Return the default of a field and what else it may be."""
+    """Return the default of a field and its other allowed values."""
     kind, live = _bare(field.type)
     default = _default(field)
     parts = [default, *_words(kind, default), *(["live"] if live else [])]
@@ -153,7 +153,7 @@ def _shown(field: types.Field) -> str:
 
 
 def _words(kind: types.Type, default: str) -> list[str]:
-    """Return what values a type has, as far as `default` does not show it."""
+    """Return the allowed values of a type that `default` does not show."""
     kind, _ = _bare(kind)
     known = default.startswith("`") and default not in ("`[]`", "`{}`")
     match kind:

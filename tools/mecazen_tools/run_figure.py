@@ -47,7 +47,7 @@ class Course(NamedTuple):
     """(n, 7): t [s], true x [m], y [m] and yaw [rad] in world, vx, vy [m/s], wz [rad/s] in
     base_link."""
     person: Floats
-    """(n, 7): of the person, the velocity in their own frame; no row without one."""
+    """(n, 7): the same of the person, with the velocity in their own frame; (0, 7) without one."""
     command: Floats
     """(n, 4): t, vx, vy, wz of `cmd_vel`, in base_link."""
 
@@ -108,7 +108,7 @@ def draw(ways: Sequence[Course], scenario: Scenario, title: str) -> Figure:
 def draw_arrows(
     axes: Axes, poses: Sequence[Floats], colour: str, length: float, width: float
 ) -> None:
-    """Draw poses, x [m], y [m] and yaw [rad] of all, as arrows of a length and a width [m]."""
+    """Draw poses (arrays of x [m], y [m] and yaw [rad]) as arrows of a length and a width [m]."""
     x, y, yaw = poses
     arrows = length * np.cos(yaw), length * np.sin(yaw)
     scale: dict[str, Any] = {"angles": "xy", "units": "xy", "scale": 1.0, "width": width}
@@ -130,7 +130,7 @@ def _draw_world(axes: Axes, scenario: Scenario) -> None:
 
 
 def _draw_way(axes: Axes, way: Course, scenario: Scenario, colour: str, *, follows: bool) -> None:
-    """Draw the ways of a robot and its person from above, and where the robot should have been."""
+    """Draw the paths of a robot and its person from above, and the path of the robot's goal."""
     robot, person = way.robot, way.person
     if len(person):
         lighter = {"color": colour, "alpha": 0.45} if way.name else {"color": ORANGE}

@@ -32,11 +32,11 @@ from mecazen_tools.processes import Supervisor, beside_that_core, on_one_core, p
 from mecazen_tools.trajectory import Scores, Trajectory
 
 Progress = Callable[[int], None]
-"""Called now and then with the number of ticks done."""
+"""Function that is called regularly with the number of finished ticks."""
 
 PROGRESS_TICKS = 100
 PATIENCE_S = 0.25
-"""How long to wait for a sample before asking whether all processes still live."""
+"""Time to wait for a sample before checking whether all processes are alive [s]."""
 GATHER_S = 0.005
 """Delay of samples for the trajectory [s]; no process waits for them."""
 
@@ -66,7 +66,7 @@ def in_lockstep(scenario: Scenario) -> Scenario:
 
 
 class InProcess:
-    """All services of a scenario in this process, in lockstep: `step` is a tick.
+    """All services of a scenario in this process, in lockstep: `step` makes a tick.
 
     Raises:
         ConfigError: The scenario does not suit a service, or nothing in it owns time.
@@ -92,7 +92,7 @@ class InProcess:
         self.clock.begin()
 
     def reset(self, seed: int) -> None:
-        """Put everything back to the start, before it begins again with noise from `seed`."""
+        """Return everything to the start, with noise from `seed`; `begin` makes the first tick."""
         self.scenario = msgspec.structs.replace(self.scenario, seed=seed)
         self.trajectory.reset()
         self.clock.reset(seed)
@@ -134,7 +134,7 @@ def simulate(
 
 
 def _trajectory(bus: Bus, scenario: Scenario, parts: Sequence[str]) -> Trajectory:
-    """Return the trajectory to be."""
+    """Return a trajectory that collects the samples of a run."""
     sim = scenario.sim
     rate = graph_of(scenario).rate(ODOM.key)
     per_odom = {robot: scenario.of(robot).ticks_per(rate) for robot in scenario.names}
@@ -145,7 +145,7 @@ def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float)
     """Return the result of a finished run.
 
     Raises:
-        MecazenError: The run is not whole.
+        MecazenError: The run is incomplete.
     """
     if not trajectory.complete:
         raise MecazenError(f"the run ended after {trajectory.done} of {scenario.sim.ticks} ticks")
@@ -200,7 +200,7 @@ def simulate_distributed(
             for process in scenario.process_plan:
                 if COLLECTOR in process.services:
                     continue
-                # observers, for which no tick waits, keep off the core of the others
+                # observers, for which no tick waits, avoid the core of the others
                 observes = process.services[0] in OBSERVERS
                 with beside_that_core() if observes else on_one_core():
                     supervisor.start(process)
@@ -241,17 +241,17 @@ def collect(
 
 
 def _pass_on(supervisor: Supervisor) -> None:
-    """Show what the processes have written meanwhile.
+    """Show the output of the processes since the last call.
 
     Raises:
-        ProcessError: One of them has ended.
+        ProcessError: A process has ended.
     """
     while (line := supervisor.poll(0.0)) is not None:
         sys.stderr.write(f"{line.text}\n")
 
 
 def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
-    """Take part in a run as its collector; return the trajectory to be."""
+    """Take part in a run as its collector; return the trajectory, which is still empty."""
     parts = [part for part in scenario.services if part != COLLECTOR]
     trajectory = _trajectory(bus, scenario, parts)
     bus.declare_alive(COLLECTOR)
@@ -263,9 +263,9 @@ def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
 def _collect(
     trajectory: Trajectory, bus: ZenohBus, check: Callable[[], object], progress: Progress
 ) -> float:
-    """Take samples until the run is whole; return the wall time since its first tick [s].
+    """Take samples until the run is complete; return the wall time since its first tick [s].
 
-    It calls `check` repeatedly, which raises if the run can't continue.
+    `check` is called repeatedly, and raises if the run can't continue.
     """
     begin, reported = time.perf_counter(), 0
     while not trajectory.complete:

@@ -39,11 +39,11 @@ class State(NamedTuple):
     robot: Pose2D
     """The true pose of base_link in world [m, m, rad]."""
     robot_twist: Twist2D
-    """In base_link [m/s, m/s, rad/s]."""
+    """The true velocity in base_link [m/s, m/s, rad/s]."""
     person: Pose2D | None
-    """The true pose in world."""
+    """The person's true pose in world."""
     person_twist: Twist2D | None
-    """In the person's own frame: x forward, y left."""
+    """The person's true velocity in their own frame: x forward, y left."""
     odom: Pose2D | None
     """The robot's own estimate of its pose, in odom."""
     command: Twist2D | None
@@ -66,7 +66,7 @@ class Simulation:
         settings: Overrides of the scenario by key: `**{"follower.standoff_m": 1.5}`.
 
     Raises:
-        ConfigError: A setting can't be used; one line says what is allowed.
+        ConfigError: A setting can't be used; the message names the allowed values.
 
     Examples:
         >>> with Simulation("back", duration_s=2.0) as sim:
@@ -115,7 +115,7 @@ class Simulation:
         return f"<Simulation {self._name}: {of}{', closed' * self._closed}>"
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be copied: the state of the physics engine can't be."""
+        """Refuse a copy: the state of the physics engine can't be copied."""
         raise TypeError(
             "a Simulation can't be pickled or copied; make another from its scenario: "
             "Simulation(sim.scenario)"
@@ -228,7 +228,8 @@ class Simulation:
     ) -> None:
         """Drive a robot by hand from now on: its velocity in base_link [m/s, m/s, rad/s].
 
-        It is published as `cmd_vel` before each tick; guard and limits apply as to any command.
+        The velocity is published as `cmd_vel` before each tick; guard and limits apply as to any
+        command.
 
         >>> with Simulation("teleop", duration_s=1.0) as sim:
         ...     sim.command(wz=0.5)
@@ -237,7 +238,7 @@ class Simulation:
         0.5
 
         Raises:
-            ConfigError: A node of the scenario drives the robot, there is none of this name, or a
+            ConfigError: A node of the scenario drives the robot, no robot has this name, or a
                 velocity is not finite.
             MecazenError: The simulation is closed.
         """
@@ -265,7 +266,7 @@ class Simulation:
         """Return the state of one of several robots.
 
         Raises:
-            ConfigError: There is none of this name.
+            ConfigError: There is no robot of this name.
         """
         truth = self._motion(keys.GROUND_TRUTH, robot)
         person = self._motion(keys.TARGET_ODOM, robot) or (None, None)
@@ -286,14 +287,14 @@ class Simulation:
         )
 
     def latest(self, key: str) -> Message | None:
-        """Return the newest message on a key, such as `odom` or `one/odom`; None: not yet one.
+        """Return the newest message on a key, such as `odom` or `one/odom`; None: no message yet.
 
         >>> with Simulation("back", duration_s=0.1) as sim:
         ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("scan")
         (0, 0.01, None)
 
         Raises:
-            ConfigError: No node of the scenario takes or gives the key.
+            ConfigError: No node of the scenario receives or publishes the key.
         """
         if key not in self._latest:
             raise ConfigError(
@@ -323,7 +324,7 @@ class Simulation:
         raise MecazenError("nothing has drawn this run: Simulation(..., view=True) does")
 
     def close(self) -> None:
-        """End the services' work; a recording is whole then."""
+        """End the services' work; a recording is then complete."""
         self._closed = True
         self._run.close()
 
@@ -368,7 +369,7 @@ class Simulation:
             raise ConfigError(
                 f"{giver.name} drives: leave it out of services, as the scenario teleop does"
             )
-        velocity = Twist2D(*map(float, velocity))  # NumPy's numbers as well
+        velocity = Twist2D(*map(float, velocity))  # also for NumPy's numbers
         if not all(map(math.isfinite, velocity)):
             raise ConfigError(f"{velocity} must be finite numbers [m/s, m/s, rad/s]")
         self._held[keys.of_robot(topic, robot)] = Twist.planar(velocity)
@@ -378,7 +379,7 @@ def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) 
     """Return a scenario by its name or file, or a loaded one, with settings by key.
 
     Raises:
-        ConfigError: One line with the file, the key and what is allowed.
+        ConfigError: One line with the file, the key and the allowed values.
     """
     try:
         overrides = tuple(f"{key}={_setting(key, value)}" for key, value in settings.items())
@@ -391,14 +392,14 @@ def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) 
             raise ConfigError(one_line(said)) from None
         return load_scenario(scenario_path(name), overrides)
     except ConfigError as error:
-        raise ConfigError(str(error).replace("--set ", "")) from None  # in Python there is none
+        raise ConfigError(str(error).replace("--set ", "")) from None  # Python has no such option
 
 
 def refuse_unknown_options(settings: Mapping[str, Any], made: type) -> None:
-    """Check settings for misspelt options of the class that is made.
+    """Check settings for misspelt options of the class `made`.
 
     Raises:
-        ConfigError: One is no section of a scenario, but similar to an option.
+        ConfigError: A setting is no section of a scenario, but similar to an option.
     """
     options = inspect.signature(made).parameters
     for name in settings.keys() - set(Scenario.__struct_fields__):
@@ -419,7 +420,7 @@ def _setting(key: str, value: Any) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Return a value as TOML has it on one line: as JSON, but for tables."""
+    """Return a value in TOML on one line: JSON, except for tables."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{json.dumps(k)} = {_toml(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list | tuple):

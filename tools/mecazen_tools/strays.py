@@ -37,11 +37,11 @@ OPEN = tuple(topic.key for topic in TOPICS if topic.open)
 def report_strays(
     bus: ZenohBus, robots: Sequence[str], given: Collection[str], report: Callable[[str], None]
 ) -> None:
-    """Receive such samples, and report each key once.
+    """Receive samples on misspelt keys, and report each key once.
 
     Args:
         bus: The bus of all robots.
-        robots: Their names.
+        robots: Names of the robots.
         given: The open keys that nodes of the scenario publish on.
         report: Function for a line with the key and a similar known key.
     """
@@ -83,8 +83,8 @@ def likes(key: str) -> Iterator[str]:
 def unknown_key(key: str, robots: Sequence[str] = ("",)) -> str | None:
     """Return a line with an unknown key and a similar known one.
 
-    None if a node takes or publishes the key, for a robot of any name. A user may have keys of
-    their own, so an unknown key is not an error.
+    The result is None if a node takes or publishes the key, for a robot of any name. A user may
+    have keys of their own, so an unknown key is not an error.
     """
     known = [topic.key for topic in TOPICS] + [call.key for call in CALLS]
     if _split(key)[1] is not None or f"/{key}".endswith(tuple(f"/{call.key}" for call in CALLS)):
@@ -99,7 +99,7 @@ def mistake(key: str) -> str | None:
     """Return a warning of a key that carries no samples; None for an expression.
 
     Raises:
-        BusError: It is neither.
+        BusError: The text is neither a key nor an expression.
     """
     includes(key, key)
     return None if "*" in key else asked_only(key) or unknown_key(key)
@@ -120,7 +120,7 @@ def absent(bus: ZenohBus, key: str) -> str:
 
 
 def ignored(bus: ZenohBus, key: str) -> str | None:
-    """Return why samples on a key have no effect; None if they may have one."""
+    """Return why samples on a key have no effect; None if they may have an effect."""
     robot, topic = _split(key)
     if topic is None:
         return None
@@ -137,7 +137,7 @@ def ignored(bus: ZenohBus, key: str) -> str | None:
 
 
 def scenario_at(bus: ZenohBus) -> dict[str, Any]:
-    """Return the tables of the scenario that runs there; empty if none answers."""
+    """Return the tables of the running scenario; empty if no service answers."""
     try:
         return tomllib.loads(bus.call(SIM_SCENARIO, Empty(), ANSWER_S).data)
     except (BusError, ValueError):

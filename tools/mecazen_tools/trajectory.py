@@ -34,7 +34,7 @@ _COLUMNS = {
 COLUMNS = ("t_s", *chain.from_iterable(_COLUMNS.values()))
 """Poses of robot and target are true, in world; odom and estimate are in odom.
 
-Twists are in the frame of what moves. The covariance is of the estimated pose.
+Twists are in the frame of the moving body. The covariance is of the estimated pose.
 """
 
 
@@ -42,9 +42,9 @@ Row = tuple[float | str | None, ...]
 
 
 class Scores(msgspec.Struct, frozen=True):
-    """The published measures of following; none without a person who moves.
+    """The published measures of following; None without a person who moves.
 
-    They are means over all ticks from the first motion of the person on.
+    The measures are means over all ticks from the first motion of the person on.
     """
 
     d_err_m: float | None
@@ -61,8 +61,8 @@ class Trajectory:
         tick_ns: The control period [ns].
         ticks: The number of rows of a whole run.
         services: Services of the run; columns of other services stay empty.
-        ticks_per_odom: Ticks from one odometry, and the command that answers it, to the next; by
-            the names of the robots, each in its own namespace.
+        ticks_per_odom: Ticks from one odometry sample to the next, by robot name; a command answers
+            each of these samples. Each robot has its own namespace.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Trajectory:
             if "target" in services:
                 follow("target", keys.TARGET_ODOM, _motion)
             if "follower" in services:
-                # a user's follower may publish no state; ours does so before it commands
+                # a user's follower may publish no state; ours publishes it before the command
                 follow("follower", keys.FOLLOWER_STATE, _estimate, None)
                 follow("follower", keys.CMD_VEL, Twist.to_planar, every)
 
@@ -129,7 +129,7 @@ class Trajectory:
 
     def csv(self) -> bytes:
         """Return the rows as CSV, each number with all its digits."""
-        # numbers as JSON has them: written in a tenth of the time that str takes
+        # JSON's format of numbers takes a tenth of the time of str
         rows = msgspec.json.encode(self.rows())[2:-2].replace(b"],[", b"\n")
         cells = rows.replace(b",null", b",").replace(b'"', b"")
         header = ",".join(self.columns).encode()
@@ -157,7 +157,7 @@ class Trajectory:
         return pd.DataFrame(self.to_numpy()).set_index("t_s")
 
     def sha256(self) -> str:
-        """Return the hash of the CSV: equal exactly when every number is."""
+        """Return the hash of the CSV; equal hashes mean that all numbers are equal."""
         return hashlib.sha256(self.csv()).hexdigest()
 
     def scores(self, standoff: Standoff, robot: str = "") -> Scores:

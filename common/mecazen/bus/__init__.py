@@ -1,6 +1,7 @@
 """The bus: over Zenoh between processes, and a local one within a process.
 
-Both deliver in `Bus.spin_once`, on the thread that calls it, so a service needs no locks.
+Both call a service's handlers on the thread of the service, so a service needs no locks. The bus
+over Zenoh calls them in `Bus.spin_once`, the local bus when a sample is published.
 """
 
 from mecazen.bus.base import Bus, Presence, Publisher, Reply, StoppedError

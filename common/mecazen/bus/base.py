@@ -139,7 +139,7 @@ class Bus(ABC):
 
         The newest valid sample replaces those that still wait, so a flood causes neither delay
         nor growth of memory. With `every` all samples are kept. `nothing` is called for a tick
-        that has no message. `of` names the service whose samples alone count.
+        that has no message. `of` names the only service whose samples are accepted.
         """
 
     @abstractmethod
@@ -189,7 +189,7 @@ class Bus(ABC):
         """
 
     def drain(self) -> None:
-        """Deliver what waits, up to `DRAINED_AT_MOST` items."""
+        """Deliver waiting items, up to `DRAINED_AT_MOST`."""
         for _ in range(DRAINED_AT_MOST):
             if not self.spin_once(0.0):
                 return

@@ -29,7 +29,7 @@ SampleT = TypeVar("SampleT")
 
 
 def next_of(waiting: queue.SimpleQueue[SampleT]) -> SampleT:
-    """Return the next of a queue; also a signal may put it there."""
+    """Wait for the next item of a queue and return it; a signal handler may also add an item."""
     while True:
         with suppress(queue.Empty):
             return waiting.get(timeout=SIGNAL_CHECK_S)

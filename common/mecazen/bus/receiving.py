@@ -1,4 +1,4 @@
-"""Handlers on Zenoh's threads: with little processor time per sample, and by source."""
+"""Handlers on Zenoh's threads: they save processor time per sample, and check its source."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BETWEEN_PAUSES = 0.1
 
 
 _state = threading.local()
-"""Marks Zenoh's threads whose Python state is kept; it ends with that state."""
+"""Marks Zenoh's threads whose Python state is kept; the mark ends with that state."""
 
 
 def direct(function: Callable[[Any], None]) -> Any:
@@ -74,10 +74,11 @@ class Pause:
 
 
 class Sources:
-    """Knows the session of each service by the first sample that came from it.
+    """Remembers the session of each service from the first sample of that service.
 
-    `is_second` runs on Zenoh's threads. A service that comes or goes has another session then. A
-    program that copies the session's identity is not noticed: only certificates keep it out.
+    `is_second` runs on Zenoh's threads. When a service comes or goes, its session is forgotten,
+    since a restarted service has another session. A program that copies a session's identity is
+    not detected; only certificates exclude it.
     """
 
     def __init__(self, presence: Presence) -> None:

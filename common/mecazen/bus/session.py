@@ -36,7 +36,7 @@ reading. With one thread, a router that passes queries to physics and physics th
 for each other until Zenoh closes the link after 5 s."""
 
 SHARED_MEMORY = False
-"""Whether Zenoh uses shared memory. It is faster only for payloads of 1 MB or more, and needs a
+"""Whether Zenoh uses shared memory. That is faster only for payloads of 1 MB or more, and needs a
 thread that wakes twenty times a second."""
 
 QUEUED_BATCHES = 16
@@ -64,7 +64,8 @@ ONLY_ROUTER = {
     "subjects": [{"id": "router", "cert_common_names": ["router"]}],
     "policies": [{"subjects": ["router"], "rules": ["the router relays"]}],
 }
-"""Access control of a tool: any admitted program could listen in place of an ended router."""
+"""Access control of a tool, which accepts messages only from the router. Otherwise any admitted
+program could listen in place of a router that has exited."""
 
 WITHIN_THE_MACHINE = ("unixsock-stream", "unixpipe")
 """Protocols of links through the file system, which its permissions protect."""
@@ -283,7 +284,7 @@ def open_session(
         BusError: A port is taken, or a client finds no router.
     """
     threads = ROUTER_THREADS if mode == "router" else RUNTIME_THREADS
-    # Zenoh reads it in the first session; a router's parent may have opened sessions before
+    # Zenoh reads this in the first session; a router's parent may have opened sessions before
     if os.environ.get("ZENOH_RUNTIME") in {None, RUNTIME_THREADS}:
         os.environ["ZENOH_RUNTIME"] = threads
     try:

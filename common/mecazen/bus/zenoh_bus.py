@@ -100,7 +100,7 @@ class ZenohBus(Bus):
         return publisher
 
     def listeners(self, topic: Topic[Any]) -> list[Handler[Any]]:
-        """Return the handlers in this process of its own samples of a topic; callers add to it."""
+        """Return the list of handlers for a topic's samples of this process; callers add to it."""
         return self._listeners.setdefault(topic.key, [])
 
     def subscribe(
@@ -114,8 +114,8 @@ class ZenohBus(Bus):
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
-        All subscriptions to a key share one Zenoh subscriber, which decodes each sample once.
-        Those with `every`, or of one service alone, share another one.
+        Subscriptions to a key with equal `every` and `of` share one Zenoh subscriber, which decodes
+        each sample once.
         """
         handlers = self._heard.setdefault((topic.key, every, of), [])
         handlers.append(handler)
@@ -346,8 +346,8 @@ class ZenohBus(Bus):
     def close(self) -> None:
         """Close the session, which also drops the tokens.
 
-        A frozen process does not answer, so that Zenoh gives up after 10 s. The caller then ends
-        for its own reason, which must stay visible.
+        If another process is frozen, Zenoh gives up after 10 s. This error is only logged, so that
+        the reason for which the caller exits stays visible.
         """
         try:
             self._session.close()  # type: ignore[no-untyped-call]

@@ -1,7 +1,7 @@
-"""The configuration: a typed struct for each section of a scenario, and the scenario of them all.
+"""The configuration: a typed struct for each section of a scenario, and one for the scenario.
 
-The structs declare fields, ranges and the checks that need nothing else; what computes with them
-is in the services.
+The structs declare fields, ranges and checks that need only these fields. Code that computes with
+the values is in the services.
 """
 
 from mecazen.config.bus import BusConfig as BusConfig

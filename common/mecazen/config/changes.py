@@ -10,9 +10,9 @@ from mecazen.schema import NonNegative, Section
 
 
 class Change(Section):
-    """From a time on parameters have other values, as if they had been set then."""
+    """New values of parameters from a time on, as if they had been set at that time."""
 
     at_s: NonNegative
-    """Simulated time; whole ticks."""
+    """Simulated time of the change; whole ticks."""
     set: dict[str, Any] = msgspec.field(default_factory=dict)
-    """Sections, with what changes in them: `set.follower.standoff_m = 1.5`."""
+    """New values in their sections: `set.follower.standoff_m = 1.5`."""

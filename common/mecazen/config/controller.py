@@ -11,12 +11,12 @@ from mecazen.robot import WHEEL_JOINTS
 from mecazen.schema import Live, NonNegative, Positive, Section
 
 Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
-"""A key expression without wildcards, as one publishes on."""
+"""A key without wildcards, on which samples can be published."""
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
-"""Variances of x, y, z [m²] and of roll, pitch, yaw [rad²]; of a twist, per s²."""
+"""Variances of x, y, z [m²] and of roll, pitch, yaw [rad²]; for a twist, the same per s²."""
 Limit = Live[Annotated[float, msgspec.Meta(gt=0.0)]]
-"""`inf` is no limit."""
+"""`inf` means no limit."""
 
 
 class LinearLimits(Section):
@@ -25,7 +25,7 @@ class LinearLimits(Section):
     max_velocity_m_s: Limit = 2.0
     max_acceleration_m_s2: Limit = 2.5
     max_deceleration_m_s2: Live[Limit | None] = None
-    """Left out: as max_acceleration_m_s2."""
+    """Left out: equal to max_acceleration_m_s2."""
     max_jerk_m_s3: Limit = math.inf
 
 
@@ -35,7 +35,7 @@ class AngularLimits(Section):
     max_velocity_rad_s: Limit = 3.0
     max_acceleration_rad_s2: Limit = 8.0
     max_deceleration_rad_s2: Live[Limit | None] = None
-    """Left out: as max_acceleration_rad_s2."""
+    """Left out: equal to max_acceleration_rad_s2."""
     max_jerk_rad_s3: Limit = math.inf
 
 
@@ -59,7 +59,7 @@ class ControllerConfig(Section):
     """The wheel controller."""
 
     command_key: Key = "cmd_vel"
-    """Key of the commanded twist, in base_frame_id; with a guard, what the guard listens to."""
+    """Key of the commanded twist, in base_frame_id; with a guard, the guard subscribes to it."""
     reference_timeout_s: Live[Positive] = 0.5
     """Simulated time after which a command is stale and the robot comes to rest."""
     limits: AxisLimits = AxisLimits()
@@ -69,17 +69,17 @@ class ControllerConfig(Section):
     update_rate_hz: Positive | None = None
     """Rate of the odometry; it divides the tick rate. Left out: at every tick."""
     odometry: Literal["wheel", "ground_truth"] = "wheel"
-    """Integrated from the measured wheel speeds, or the simulator's truth."""
+    """Source of the odometry: the measured wheel speeds, integrated, or the simulator's truth."""
     wheel_joints: Annotated[tuple[Name, ...], msgspec.Meta(min_length=4, max_length=4)] = (
         WHEEL_JOINTS
     )
     """Joints of the front left, front right, rear left and rear right wheel."""
     half_wheelbase_m: Positive | None = None
-    """Half the distance between the axles; left out: the robot file's."""
+    """Half the distance between the axles; left out: from the robot file."""
     half_track_m: Positive | None = None
-    """Half the distance between left and right wheels; left out: the robot file's."""
+    """Half the distance between left and right wheels; left out: from the robot file."""
     wheel_radius_m: Positive | None = None
-    """Left out: the robot file's."""
+    """Left out: from the robot file."""
     odometry_scale: OdometryScale = OdometryScale()
     pose_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
     twist_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)

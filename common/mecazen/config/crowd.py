@@ -1,4 +1,4 @@
-"""`[crowd]`: who walks besides the persons that robots follow."""
+"""`[crowd]`: pedestrians besides the persons that robots follow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mecazen.config.people import Body, Goal, Walk
 from mecazen.schema import Finite, Section
 
 Interval = tuple[Finite, Finite]
-"""From, to."""
+"""Interval [from, to]."""
 
 
 class Walker(Section, kw_only=True):
@@ -23,11 +23,11 @@ class Walker(Section, kw_only=True):
 
 
 class Reactive(Section, kw_only=True):
-    """Walkers who cross an area back and forth between places drawn at its edges, and give way."""
+    """Walkers who cross an area back and forth between random places at its edges, and give way."""
 
     count: Annotated[int, msgspec.Meta(ge=1, le=50)]
     x_m: Interval
-    """Extent of the area in the world, as `y_m`."""
+    """Extent of the area along x in the world; `y_m` is the extent along y."""
     y_m: Interval
     speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=2.0)] = 1.34
     """Mean of the preferred speeds, as `speed_std_m_s` of U. Weidmann, Transporttechnik der
@@ -50,8 +50,9 @@ class CrowdConfig(Section):
     walkers: tuple[Walker, ...] = ()
     reactive: Reactive | None = None
     manners: Literal["helbing", "orca", "sfm"] = "helbing"
-    """How all with a goal give way: by the social force of Helbing & Molnár, straight to the goal;
-    or as the pedestrians of Follow-Bench, by ORCA or by social forces, on ways round obstacles."""
+    """How all persons with a goal give way. helbing: by the social force of Helbing & Molnár,
+    straight to the goal. orca, sfm: as the pedestrians of Follow-Bench, by ORCA or by social
+    forces, on planned paths round obstacles."""
     inflation_cells: Annotated[int, msgspec.Meta(ge=0, le=50)] = 5
-    """Edge of the square that each blocked cell of the grid becomes on which those ways are
-    planned; a cell is 0.2 m."""
+    """Edge of the square to which each blocked cell grows in the grid that plans these paths; a
+    cell is 0.2 m."""

@@ -10,7 +10,7 @@ from mecazen.schema import NonNegative, Positive, Section
 
 
 class Params(Section):
-    """Parameters of every estimator: the noise of a sensor that does not report it."""
+    """Parameters of every estimator: the noise assumed for a sensor that reports none."""
 
     position_std_m: Positive = 0.05
     yaw_std_deg: Positive = 5.0
@@ -68,8 +68,8 @@ class CtrvParams(TurnRateParams):
 class ImmParams(TurnRateParams):
     """Parameters of `imm`: random walks, mean sojourn time and fading turn rate of each mode.
 
-    They hold for an observed heading with a standard deviation of 5 degrees; the filter adapts
-    them to other sensors. Straight, wandering and manoeuvring are fitted to recorded people:
+    The values hold for an observed heading with a standard deviation of 5 degrees; the filter
+    adapts them to other sensors. Straight, wandering and manoeuvring are fitted to recorded people:
     docs/results.md.
     """
 

@@ -1,4 +1,4 @@
-"""`[follower]`: where to stand beside the person, how to estimate them, how to drive."""
+"""`[follower]`: where to stand beside the person, how to estimate their motion, how to drive."""
 
 from __future__ import annotations
 
@@ -76,17 +76,18 @@ class PolarControl(Section, tag_field="kind", tag="polar"):
 
 
 class PlannerConfig(Section):
-    """The way round obstacles and people that the lidar sees."""
+    """The planner of paths round obstacles and people that the lidar sees."""
 
     rate_hz: Positive = 20.0
-    """Plans a second; divides the tick rate."""
+    """Plans per second; divides the tick rate."""
     samples: Annotated[int, msgspec.Meta(ge=100, le=20_000)] = 1000
     horizon_s: Annotated[float, msgspec.Meta(ge=0.5, le=5.0)] = 2.5
-    """How far it looks ahead."""
+    """Time that a plan looks ahead."""
     clearance_m: Live[Positive] = 0.12
-    """To be kept between the robot and everything else."""
+    """Minimum distance between the robot and everything else."""
     priorities: Live[tuple[str, ...]] = PRIORITIES
-    """The most important property of the place comes first; the planner gives up the last first."""
+    """Properties of the robot's place, the most important first; the planner gives up the last one
+    first."""
 
     def __post_init__(self) -> None:
         if sorted(self.priorities) != sorted(PRIORITIES):
@@ -94,7 +95,7 @@ class PlannerConfig(Section):
 
     @property
     def turns_to_see(self) -> bool:
-        """Whether the heading is given up to see the person."""
+        """Whether the planner gives up the heading in order to see the person."""
         return self.priorities.index("visibility") < self.priorities.index("heading")
 
 
@@ -117,9 +118,9 @@ class FollowerConfig(Section):
     control: PolarControl | PidControl = PolarControl()
     """The control law; `kind` selects it."""
     planner: PlannerConfig | None = None
-    """Left out, the robot goes straight to its place, whatever is in the way."""
+    """Left out: the robot drives straight to its place, without regard to obstacles."""
     response_s: NonNegative = 0.0
-    """Dead time from a command to the robot's motion; commands are computed that far ahead."""
+    """Dead time from a command to the robot's motion; commands are computed for that time ahead."""
     coast_after_s: Positive = 0.1
     """Time without an observation after which the tracking state is `coasting`."""
     lost_after_s: Positive = 2.0
@@ -139,7 +140,7 @@ class FollowerConfig(Section):
 
     @property
     def standoff(self) -> Standoff:
-        """The place to keep, angles in radians."""
+        """The place to keep beside the person, with angles in radians."""
         bearing, heading = VIEWS[self.view]
         if self.bearing_deg is not None and self.heading_deg is not None:
             bearing, heading = self.bearing_deg, self.heading_deg

@@ -9,26 +9,26 @@ class GuardConfig(Section):
     """The guard between `cmd_vel` and the wheels: docs/safety.md."""
 
     enabled: bool = True
-    """Whether there is one where a lidar is mounted."""
+    """Whether the guard runs, if a lidar is mounted."""
     margin_m: Live[NonNegative] = 0.06
-    """Clearance of the robot's outline from things."""
+    """Clearance between the robot's outline and obstacles."""
     person_margin_m: Live[NonNegative] = 0.3
-    """The same from possible legs: feet and trunk reach farther than the shanks."""
+    """Clearance from possible legs, since feet and trunk reach farther than the shanks."""
     least_margin_m: NonNegative = 0.05
-    """Both margins are at least this; a smaller one must be allowed here first."""
+    """Lower bound of both margins; for a smaller margin, this value must be lowered first."""
     reaction_s: NonNegative = 0.06
-    """From a decision until the wheels follow it."""
+    """Time from a decision of the guard until the wheels follow it."""
     hold_s: NonNegative = 0.05
     """Time for which the controller obeys a silent guard, and the wheels a silent controller. The
-    guard counts on it."""
+    guard relies on this time."""
     person_stop_s: NonNegative = 0.3
     """Shortest time in which a walking person can come to rest."""
     person_speed_m_s: Positive = 2.0
     """Highest speed of a walking person."""
     silent_scans: Positive = 3.0
-    """A lidar is silent after so many periods without a scan."""
+    """Number of scan periods without a scan after which a lidar counts as silent."""
     invalid_share: Positive = 0.5
-    """With a larger share of invalid beams a scan is refused."""
+    """Share of invalid beams above which a scan is refused."""
 
     def __post_init__(self) -> None:
         for name in ("margin_m", "person_margin_m"):

@@ -17,7 +17,7 @@ Turn = Literal["left", "right"]
 
 
 FASTEST_M_S = 13.0
-"""Nobody runs faster."""
+"""Largest speed of a person: no person runs faster [m/s]."""
 
 
 class _Path(Section, tag_field="kind"):
@@ -47,7 +47,7 @@ class UTrack(SteadyWalk, tag="u_track"):
     length_m: Positive = 5.0
     """Length of each straight."""
     yaw_rate_rad_s: Positive = 0.1
-    """On the half circle."""
+    """Yaw rate on the half circle."""
     turn: Turn = "left"
     """Side to which the half circle turns."""
 
@@ -98,12 +98,12 @@ class Recorded(_Walk, tag="recorded", kw_only=True):
 
 
 class ScriptStep(Section):
-    """A velocity, and for how long."""
+    """A velocity and its duration."""
 
     duration_s: Positive
     speed_m_s: Annotated[float, msgspec.Meta(ge=0.0, le=FASTEST_M_S)] = 0.0
     direction_deg: AngleDeg = 0.0
-    """In the person's frame: 0 is ahead, 90 to the left, 180 backwards."""
+    """Direction of the velocity in the person's frame: 0 is ahead, 90 left, 180 backwards."""
     yaw_rate_deg_s: Finite = 0.0
 
 
@@ -112,7 +112,7 @@ class Script(_Walk, tag="script", kw_only=True):
 
     steps: Annotated[tuple[ScriptStep, ...], msgspec.Meta(min_length=1, max_length=1000)]
     acceleration_m_s2: Positive = 6.0
-    """Largest acceleration; from 1.8 m/s to rest in 0.3 s, within a step."""
+    """Largest acceleration; by default from 1.8 m/s to rest in 0.3 s, within one footstep."""
     yaw_acceleration_deg_s2: Positive = 720.0
 
 
@@ -124,7 +124,7 @@ class Driven(_Path, tag="driven"):
 
 
 class Goal(SteadyWalk, tag="goal", kw_only=True):
-    """Goes to a place, and gives way by `crowd.manners`: the only path that depends on others.
+    """A walk to a place, giving way by `crowd.manners`: the only path that depends on others.
 
     A person whom a robot follows gives way to all but the robots.
     """
@@ -132,15 +132,15 @@ class Goal(SteadyWalk, tag="goal", kw_only=True):
     speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=2.5)] = 1.3
     """Preferred speed."""
     goal_m: tuple[Finite, Finite]
-    """In the world."""
+    """The goal in the world."""
     via_m: Annotated[tuple[tuple[Finite, Finite], ...], msgspec.Meta(max_length=1000)] = ()
-    """Places in the world that come before the goal."""
+    """Way-points in the world before the goal."""
     back_and_forth: bool = False
-    """Whether the walker returns to the start from there, and so on; otherwise they stop there."""
+    """Whether the walker goes back and forth between start and goal, or else stops at the goal."""
     keeps_m: NonNegative = 0.5
-    """Distance kept from others beyond the own body, by the manners "orca" and "sfm"."""
+    """Distance kept from others beyond the walker's own body, for the manners "orca" and "sfm"."""
     within_m: Positive = 2.0
-    """Distance at which a way-point counts as reached, by the same manners."""
+    """Distance at which a way-point counts as reached, for the same manners."""
 
 
 Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded | Script
@@ -159,7 +159,7 @@ class Gait(Section):
 
 
 class Limp(Section):
-    """One leg is spared: it stands for a shorter time, and its step is longer."""
+    """A limp that spares one leg: its stance is shorter, and its step is longer."""
 
     side: Turn = "right"
     stance_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.12)] = 0.06
@@ -173,18 +173,18 @@ class StiffKnee(Section):
 
     side: Literal["left", "right", "both"] = "both"
     flexion: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.5
-    """Share that is left of the flexion above 15 deg."""
+    """Share of the flexion above 15 deg that remains."""
 
 
 class Shuffle(Section):
     """Short steps at a high cadence."""
 
     step_length: Annotated[float, msgspec.Meta(ge=0.3, le=1.0)] = 0.5
-    """Relative to healthy people's at the same speed."""
+    """Step length relative to that of healthy people at the same speed."""
 
 
 class Body(Section):
-    """The person's body and how it walks; `mecazen_people.body`."""
+    """The person's body and how it walks; see `mecazen_people.body`."""
 
     height_m: Annotated[float, msgspec.Meta(ge=0.8, le=2.3)] = 1.75
     limp: Limp | None = None
@@ -195,4 +195,4 @@ class Body(Section):
     motion_file: Path | None = None
     """Recorded walk (.bvh, .c3d, .mot, .trc) whose cycle replaces the normative curves."""
     factors_file: Path | None = None
-    """Table in the form of `body/norm.toml` that replaces it."""
+    """Table in the form of `body/norm.toml` that replaces this file."""

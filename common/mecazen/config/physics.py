@@ -9,9 +9,9 @@ import msgspec
 from mecazen.schema import NonNegative, Positive, Section
 
 MAX_DT_S = 0.005
-"""Beyond it, wheels at their highest speed would pass a roller within a step.
+"""Largest physics step: with longer steps, wheels at their highest speed would skip a roller.
 
-Up to it, gains are within 0.5 % of the geometry and the base does not move up and down at all:
+Up to this step, gains are within 0.5 % of the geometry and the base does not move up and down:
 `mecazen bench run --only steps`."""
 
 
@@ -29,18 +29,18 @@ class Pid(Section, frozen=True, kw_only=True):
 
 
 class PhysicsConfig(Section, frozen=True, kw_only=True):
-    """How robots are simulated; what surrounds them is in `[world]`.
+    """How robots are simulated; their surroundings are in `[world]`.
 
     Raises:
-        ValueError: for a combination that cannot be simulated.
+        ValueError: A combination of settings cannot be simulated.
     """
 
     dt_s: Annotated[float, msgspec.Meta(ge=1e-5, le=MAX_DT_S)] = MAX_DT_S
-    """One physics step; a control period holds a whole number of them."""
+    """Length of a physics step; a control period is a whole number of steps."""
     rollers: Literal["near", "all"] = "near"
-    """Which rollers are bodies: those near the ground while the robot is upright and on a plane
-    ("near"), or always all of them ("all"): the same robot, the reference, at about 0.7 of
-    the speed of physics with steps of 5 ms, and half of it with steps of 1 ms."""
+    """Which rollers are bodies. "near": those near the ground, while the robot is upright and on a
+    plane. "all": always all rollers. Both simulate the same robot; "all" is the reference, at about
+    0.7 of the speed of physics with steps of 5 ms, and half of it with steps of 1 ms."""
     drive: Literal["velocity", "effort"] = "velocity"
     """A commanded wheel speed is held by an ideal servo within the motor's torque
     ("velocity") or by a PID controller in the physics loop ("effort")."""
@@ -49,8 +49,8 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
     pid: Pid = Pid()
     """Gains of the drive "effort"."""
     watchdog_s: Positive = 0.5
-    """Simulated time without a wheel command after which the wheels are stopped; and without
-    a pose of the person, after which they stand."""
+    """Simulated time without a wheel command after which the wheels are stopped; also the time
+    without a pose of the person after which the person's body stands."""
 
     def __post_init__(self) -> None:
         if self.watchdog_s < self.dt_s:

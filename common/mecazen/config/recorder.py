@@ -19,7 +19,7 @@ class RecorderConfig(Section):
     """The MCAP file; left out: `run.mcap` in the working directory. In lockstep it must not exist;
     in real time, where a recorder may be restarted, the next free name is used."""
     keys: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)] = ("**",)
-    """Zenoh key expressions."""
+    """Zenoh key expressions of the samples to record."""
     encoding: Encoding = "cdr"
     """cdr: ROS 2's messages, for tools that read ROS bags; json: with JSON schemas."""
     backlog_mib: Annotated[float, msgspec.Meta(ge=0.001, le=4096.0)] = 64.0

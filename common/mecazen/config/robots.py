@@ -23,12 +23,12 @@ class RobotConfig(Section):
     """One of several robots; a setting that is left out is that of the scenario."""
 
     name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
-    """Its namespace within the run's."""
+    """Name of the robot, and its namespace within that of the run."""
     robot: Robot | None = None
-    """Its robot file; or the same as a table."""
+    """Robot file, or its content as a table."""
     start: StartConfig | None = None
     sensor: SensorConfig | None = None
-    """This and the sections of its own services are laid over those of the scenario."""
+    """This section and those of the robot's services override the scenario's, key by key."""
     controller: ControllerConfig | None = None
     target: TargetConfig | None = None
     follower: FollowerConfig | None = None

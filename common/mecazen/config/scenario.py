@@ -48,20 +48,20 @@ class Process(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What it is called beside others."""
+        """Name of the process: its services, preceded by the robot's name."""
         return join_key("+".join(self.services), self.robot)
 
 
 class Scenario(Section):
     """The robot, the services, and all their settings.
 
-    The section of a user node is a further field of a derived struct, see `scenario_with`; the node
-    takes it by `section`.
+    A user node's section is an additional field of a derived struct, see `scenario_with`; the node
+    reads it by `section`.
     """
 
     robot: Robot
-    """The robot file; the same as a table; or a table that changes
-    some of a file: `{ file = "../robots/nexus.toml", payload = { … } }`."""
+    """A robot file, its content as a table, or a table that changes parts of a file:
+    `{ file = "../robots/nexus.toml", payload = { … } }`."""
     services: tuple[Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")], ...] = (
         "physics",
         "controller",
@@ -70,12 +70,12 @@ class Scenario(Section):
     )
     """The services that take part, by their names; only `programs` names code."""
     programs: dict[str, str] = msgspec.field(default_factory=dict)
-    """Your own class in a node's place, or a node of your own, which then takes part as well:
-    `follower = "my_follower.py:MyFollower"`."""
+    """User classes by node name: a class that replaces a node, or an additional node, which then
+    takes part as well: `follower = "my_follower.py:MyFollower"`."""
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
     sim: SimConfig = SimConfig()
     world: WorldConfig = WorldConfig()
-    """A table; a world file; or a table that changes some of a file."""
+    """A table, a world file, or a table that changes parts of a file."""
     start: StartConfig = StartConfig()
     sensor: SensorConfig = SensorConfig()
     sensors: SensorsConfig = SensorsConfig()
@@ -90,15 +90,15 @@ class Scenario(Section):
     recorder: RecorderConfig = RecorderConfig()
     bus: BusConfig = BusConfig()
     processes: tuple[tuple[str, ...], ...] = ()
-    """Services that share a process, by groups; any other has one of its own."""
+    """Groups of services that share a process; each other service has a process of its own."""
     robots: tuple[RobotConfig, ...] = ()
-    """Several robots in one world, each with services of its own; none: the one of `robot`."""
+    """Several robots in one world, each with its own services; empty: a single robot, `robot`."""
     changes: tuple[Change, ...] = ()
-    """Parameters that have other values from some time on."""
+    """Changes of parameters at set times."""
     robot_name: str = ""
-    """The robot whose part of the scenario this is, where there are several."""
+    """Name of the robot to which this part of the scenario belongs, if there are several robots."""
     others: dict[str, Robot] = msgspec.field(default_factory=dict)
-    """The other robots in the world of that one, by name."""
+    """The other robots in the same world, by name."""
 
     def __post_init__(self) -> None:
         if abs(self.sim.tick_s * 1e9 - self.sim.tick_ns) > 1e-3:
@@ -140,7 +140,7 @@ class Scenario(Section):
 
     @property
     def features(self) -> frozenset[str]:
-        """The features of the graph: of the sensors, the guard, hardware and who gives way."""
+        """The features of the graph: those of sensors, guard, hardware and paths with a goal."""
         found = with_guard(self.sensor.features, enabled=self.guard.enabled)
         if "hardware" in self.services:
             found |= {"hardware"}
@@ -153,7 +153,7 @@ class Scenario(Section):
         """Age above which the controller no longer obeys a command [s]."""
         if "guard" not in self.features:
             return self.controller.reference_timeout_s
-        late_ticks = self.ticks_per(self.controller.update_rate_hz) - 1  # as seldom as odometry
+        late_ticks = self.ticks_per(self.controller.update_rate_hz) - 1  # the guard's rate
         return late_ticks * self.sim.tick_s + self.guard.hold_s
 
     @property
@@ -181,7 +181,7 @@ class Scenario(Section):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The robots' names; of a single one, which needs none, the empty one."""
+        """The robots' names; ("",) for a single robot, which needs no name."""
         return tuple(robot.name for robot in self.robots) or ("",)
 
     @property
@@ -208,7 +208,7 @@ class Scenario(Section):
         """Return the ticks from one sample to the next.
 
         Args:
-            rate: In [Hz], or the configuration key that has it; None is every tick.
+            rate: Rate [Hz], or the configuration key of the rate; None: every tick.
 
         Raises:
             ConfigError: The rate does not divide the tick rate.
@@ -251,13 +251,13 @@ class Scenario(Section):
         raise ConfigError(f"{name!r}: no such robot in the scenario; its robots: {known}")
 
     def section(self, kind: type[SectionT]) -> SectionT:
-        """Return the section of a user node by its type; its defaults where there is none."""
+        """Return the section of a user node by its type; the type's defaults if there is none."""
         values = (getattr(self, name) for name in self.__struct_fields__)
         return next((value for value in values if isinstance(value, kind)), None) or kind()
 
 
 def with_guard(sensed: frozenset[str], *, enabled: bool) -> frozenset[str]:
-    """Return features of the graph, with the guard where there is a lidar."""
+    """Return features of the graph, with the guard if it is enabled and there is a lidar."""
     return sensed | {"guard"} if enabled and "lidar" in sensed else sensed
 
 
@@ -266,8 +266,8 @@ def scenario_with(**own: type[Section]) -> type[Scenario]:
     """Return the struct of a scenario that has these sections of user nodes as well.
 
     Args:
-        own: Their types, by the names of the nodes; one in the place of a section of `Scenario`
-            must be a subclass of its type.
+        own: Types of the sections, by node name; a type that replaces a section of `Scenario` must
+            be a subclass of that section's type.
     """
     if not own:
         return Scenario

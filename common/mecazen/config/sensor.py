@@ -19,7 +19,7 @@ _FEATURES: dict[str, tuple[str, ...]] = {
 
 
 _BLIND = ("imu", "battery")
-"""Sensors that do not look, so that no one needs a body for them."""
+"""Sensors that do not perceive people, so they need no skeleton."""
 
 
 def check_intervals(key: str, intervals: Sequence[tuple[float, float]]) -> None:
@@ -38,19 +38,20 @@ class SensorFaults(Section):
     flip_probability: Probability = 0.0
     """Chance of a frame to show the person facing backwards."""
     noise_correlation_s: NonNegative = 0.0
-    """Time after which the noise correlates with itself by 1/e; its variance stays."""
+    """Time after which the autocorrelation of the noise is 1/e; its variance is unchanged."""
     reported_noise_ratio: Positive = 1.0
     """Standard deviation that is reported, relative to the true one."""
     unsaid_latency_s: NonNegative = 0.0
-    """Latency besides `sensor.latency_s`; whole ticks."""
+    """Unreported latency in addition to `sensor.latency_s`; whole ticks."""
     other_m: Finite = 0.0
-    """Distance of a second person from the first along y of world; 0: there is none."""
+    """Distance of a second person from the first along y of world; 0: no second person."""
     other_seen: bool = True
     """Whether frames show the second person beside the first."""
     stand_ins_s: tuple[tuple[NonNegative, NonNegative], ...] = ()
-    """Intervals [from, to] of simulated time in which the second person is seen for the first."""
+    """Intervals [from, to] of simulated time in which the second person is seen in place of the
+    first."""
     ids: bool = False
-    """Whether the sensor names whom it sees; it confuses the names in `stand_ins_s`."""
+    """Whether the sensor identifies persons; in `stand_ins_s` it confuses their identities."""
 
     def __post_init__(self) -> None:
         check_intervals("faults.stand_ins_s", self.stand_ins_s)
@@ -66,9 +67,10 @@ class SensorConfig(Section):
     """
 
     kind: Literal["pose", "body", "legs", "fused"] = "pose"
-    """The person's pose with noise; joints that a camera sees; legs in a lidar's scan; both."""
+    """pose: the person's pose with noise; body: joints that a camera sees; legs: legs in a lidar's
+    scan; fused: body and legs."""
     also: tuple[Literal["lidar", "tracker", "depth", "imu", "battery"], ...] = ()
-    """Sensors that run beside it, for others to take."""
+    """Additional sensors, whose samples other programs can use."""
     rate_hz: Positive = 25.0
     """Frames a second; divides the tick rate."""
     frame: Literal["base_link", "world"] = "base_link"
@@ -91,7 +93,7 @@ class SensorConfig(Section):
 
     @property
     def features(self) -> frozenset[str]:
-        """The features of the graph that it asks for."""
+        """The features of the graph that these sensors need."""
         return features(self.kind, self.also)
 
     def ticks_per_frame(self, tick_s: float) -> int:
@@ -104,7 +106,7 @@ class SensorConfig(Section):
 
 
 def features(kind: str, also: Iterable[str]) -> frozenset[str]:
-    """Return the features of the graph that sensors ask for; none for an unknown kind."""
+    """Return the features of the graph that sensors need; none for an unknown kind."""
     also = tuple(also)
     beside = ("skeleton",) if set(also) - set(_BLIND) else ()
     return frozenset((*_FEATURES.get(kind, ()), *beside, *also))

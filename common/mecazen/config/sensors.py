@@ -26,7 +26,7 @@ def _check_range(minimum_m: float, maximum_m: float) -> None:
 
 
 class LidarConfig(Section):
-    """A small 2D lidar, level.
+    """A small 2D lidar, mounted level.
 
     Ranges and noise are those of the LDROBOT LD19's data sheet (0.02 to 12 m, 10 Hz, a standard
     deviation of 10 mm from 0.3 m on); Slamtec's RPLIDAR A1 has 0.15 to 12 m and a resolution
@@ -52,14 +52,14 @@ class LidarConfig(Section):
 
 
 class TrackerConfig(Section):
-    """An RGB-D camera with a body-tracking SDK, as an Azure Kinect in its narrow mode.
+    """An RGB-D camera with a body-tracking SDK, such as an Azure Kinect in its narrow mode.
 
     Field of view, range and rate are Microsoft's (hardware specification: 75°x65°, 0.5 to 3.86 m,
     30 Hz). Users measured a latency of 0.25 s with the SDKs of 2019 (Azure-Kinect-Sensor-SDK
-    issues 514 and 816) and of 0.12 s with a Kinect One. All else is tuned, so that the raw sagittal
-    angles of a walk are as wrong as those published: knee 8.5° to 15.3°, hip 8.6° to 21.6° RMSE
-    (Ma 2020, APSIPA: 11.9 ± 3.4 and 15.1 ± 6.5; Ceseracciu 2014, PLoS ONE 9:e87640: 11.75
-    and 17.62).
+    issues 514 and 816) and of 0.12 s with a Kinect One. All other values are tuned, so that the
+    errors of the raw sagittal angles of a walk match those published: knee 8.5° to 15.3°, hip 8.6°
+    to 21.6° RMSE (Ma 2020, APSIPA: 11.9 ± 3.4 and 15.1 ± 6.5; Ceseracciu 2014, PLoS ONE 9:e87640:
+    11.75 and 17.62).
     """
 
     rate_hz: Positive = 25.0
@@ -79,25 +79,25 @@ class TrackerConfig(Section):
     drift_std_m: NonNegative = 0.015
     """Ornstein-Uhlenbeck noise of a joint of the trunk."""
     drift_time_s: Positive = 0.5
-    """Its correlation time."""
+    """Correlation time of this noise."""
     bias_std_m: NonNegative = 0.017
-    """Error of a joint of the trunk that depends on the view alone: deviation over runs."""
+    """Error of a joint of the trunk that depends only on the view: standard deviation over runs."""
     hidden_factor: Annotated[float, msgspec.Meta(ge=1.0, le=100.0)] = 2.5
-    """How many times larger noise and drift are of a joint that is not seen."""
+    """Factor by which noise and drift are larger for a joint that is not seen."""
     hidden_lag_s: Positive = 0.1
-    """Time constant with which a joint that is not seen follows."""
+    """Time constant with which the reported position of an unseen joint follows the true one."""
     hidden_pull: Probability = 0.25
-    """How far a leg's joint that is not seen is taken to where the other leg has its own."""
+    """Share by which an unseen joint of a leg is moved towards the same joint of the other leg."""
     swap_probability: Probability = 0.007
-    """Chance of a frame in which a leg hides the other's knee or ankle to confuse them from then
-    on: 0.5 to 1 % of all frames of a walk seen aslant or from the side."""
+    """Chance that a frame in which one leg hides the other's knee or ankle begins a confusion of
+    the two: 0.5 to 1 % of all frames of a walk seen aslant or from the side."""
     swap_time_s: Positive = 0.2
     """Mean duration of such a confusion."""
     flip_rate_hz: NonNegative = 0.005
     """Rate at which a person seen from behind is taken to face the camera (issues 575 and 1330 of
     the same SDK)."""
     flip_time_s: Positive = 0.5
-    """Mean duration of that."""
+    """Mean duration of this error."""
     identity_memory_s: NonNegative = 0.5
     """Time out of sight after which a person gets a new identity."""
     occlusions_s: Occlusions = ()
@@ -109,7 +109,7 @@ class TrackerConfig(Section):
 
 
 class DepthConfig(Section):
-    """The depth picture of the same camera.
+    """The depth picture of the tracker's camera.
 
     Noise grows with the square of depth (Khoshelham & Elberink 2012, Sensors 12:1437), to the
     17 mm at 3.86 m that Microsoft names as the largest. Mixed pixels at edges are described by
@@ -129,7 +129,8 @@ class DepthConfig(Section):
     edge_step_m: Positive = 0.1
     """Difference of depth between neighbours that makes an edge."""
     edge_probability: Probability = 0.5
-    """Chance of a pixel at an edge to be a mixture of both depths; as likely it is invalid."""
+    """Chance of a pixel at an edge to be a mixture of both depths; the chance to be invalid is the
+    same."""
 
     def __post_init__(self) -> None:
         _check_range(self.min_range_m, self.max_range_m)
@@ -149,7 +150,8 @@ class ImuConfig(Section):
     """
 
     rate_hz: Positive = 100.0
-    """Samples a second; divides the tick rate. The specific force is the mean since the last."""
+    """Samples a second; divides the tick rate. The specific force is the mean since the last
+    sample."""
     gyro_std_rad_s: NonNegative = 0.0006
     """White noise of the angular velocity."""
     gyro_bias_std_rad_s: NonNegative = 0.002
@@ -187,8 +189,8 @@ class SensorsConfig(Section):
     """The robot's sensors."""
 
     skeleton_rate_hz: Annotated[float, msgspec.Meta(ge=10.0, le=1000.0)] = 50.0
-    """How often the person's body moves, for those who look at it; divides the tick rate, and
-    captures fall on it."""
+    """Rate of the person's body for the sensors that perceive it; divides the tick rate. Sensors
+    capture only at these instants."""
     lidar: LidarConfig = LidarConfig()
     tracker: TrackerConfig = TrackerConfig()
     depth: DepthConfig = DepthConfig()

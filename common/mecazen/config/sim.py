@@ -13,7 +13,7 @@ class SimConfig(Section):
     """Simulated time."""
 
     mode: Literal["real_time", "lockstep"] = "real_time"
-    """real_time follows the wall clock; lockstep waits for every answer and for nothing else."""
+    """real_time follows the wall clock; lockstep waits for every answer, not for the wall clock."""
     tick_s: Annotated[float, msgspec.Meta(ge=0.001, le=1.0)] = 0.01
     """The control period; whole nanoseconds."""
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0

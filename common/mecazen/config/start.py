@@ -1,4 +1,4 @@
-"""`[start]`: where the robot stands at first."""
+"""`[start]`: the start pose of the robot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mecazen.schema import AngleDeg, Finite, Section
 
 
 class StartConfig(Section):
-    """Where the robot stands at first, in world; the odometry begins there too."""
+    """The start pose of the robot, in world; the odometry begins there too."""
 
     x_m: Finite = 0.0
     y_m: Finite = 0.0

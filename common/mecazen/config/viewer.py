@@ -12,7 +12,7 @@ Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
 
 
 class ViewerConfig(Section):
-    """Where the viewer serves; port 0 takes a free one."""
+    """Ports, address and window of the viewer; port 0 takes a free port."""
 
     web_port: Port = 9090
     data_port: Port = 9876

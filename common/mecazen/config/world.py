@@ -1,8 +1,8 @@
 """`[world]`: the ground, the obstacles on it and the body of every person.
 
 The world frame's x-y plane is the ground. Static obstacles stand on it; a slope leans gravity.
-Walls and tables are boxes to all who need their shapes (`WorldConfig.solids`), ramps and sills
-are ridges (`WorldConfig.ridges`).
+Code that needs shapes treats walls and tables as boxes (`WorldConfig.solids`), and ramps and sills
+as ridges (`WorldConfig.ridges`).
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ class Cylinder(Section, tag_field="kind", tag="cylinder", frozen=True, kw_only=T
 class Ridge(NamedTuple):
     """A slope up, a level top and the same slope down, for rollers.
 
-    `middle` is the pose of its top's middle in the world frame; its x axis leads across. `run` is
-    the length of each slope on the ground, `top` that of the top, both along x, `width` the
+    `middle` is the pose of the middle of the top in the world frame; its x axis leads across. `run`
+    is the length of each slope on the ground, `top` that of the top, both along x, `width` the
     whole width along y, and `rise` the height of the top, all in [m].
     """
 
@@ -72,7 +72,7 @@ class Door(Section, frozen=True, kw_only=True):
     """A gap in a wall, all the way up."""
 
     at_m: Positive
-    """From the wall's first point to the door's middle, along the wall."""
+    """Distance along the wall from its first point to the door's middle."""
     width_m: Positive
     sill_m: Annotated[float, msgspec.Meta(ge=0.0, le=HIGHEST_SILL_M)] = 0.0
     """Height of a sill as deep as the wall, with bevels of 1:2 before and behind it."""
@@ -82,7 +82,7 @@ class Wall(Section, frozen=True, kw_only=True):
     """A wall along a line of straight pieces."""
 
     points_m: Annotated[tuple[tuple[Finite, Finite], ...], msgspec.Meta(min_length=2)]
-    """The middle of the wall, in the world frame."""
+    """The centre line of the wall, in the world frame."""
     thickness_m: Positive = 0.1
     height_m: Positive = 2.0
     doors: tuple[Door, ...] = ()
@@ -103,7 +103,7 @@ class Wall(Section, frozen=True, kw_only=True):
                 )
 
     def _pieces(self) -> Iterator[tuple[Pose2D, float, float]]:
-        """Yield each straight piece: the pose of its begin, how far along that is, its length."""
+        """Yield each straight piece: start pose, distance of the start along the wall, length."""
         along = 0.0
         for (x, y), (to_x, to_y) in pairwise(self.points_m):
             length = math.hypot(to_x - x, to_y - y)
@@ -111,7 +111,7 @@ class Wall(Section, frozen=True, kw_only=True):
             along += length
 
     def boxes(self) -> Iterator[Box]:
-        """Yield the boxes between the doors; pieces reach into the corners that they share."""
+        """Yield the boxes between the doors; pieces extend into the corners that they share."""
         last, is_closed = len(self.points_m) - 2, self.points_m[0] == self.points_m[-1]
         for number, (start, along, length) in enumerate(self._pieces()):
             begin = -self.thickness_m / 2 if number > 0 or is_closed else 0.0
@@ -188,17 +188,17 @@ class Table(Section, frozen=True, kw_only=True):
 
 
 class Ramp(Section, frozen=True, kw_only=True):
-    """Up a slope, along a landing and down the same slope, between rails."""
+    """A slope up, a landing and an equal slope down, between rails."""
 
     length_m: Positive
     """Length of each slope on the ground."""
     width_m: Positive
-    """Between the rails."""
+    """Distance between the rails."""
     rise_m: Positive
     position_m: tuple[Finite, Finite]
     """The middle of the landing in the world frame."""
     heading_deg: AngleDeg = 0.0
-    """The way across it."""
+    """Direction across the ramp."""
     landing_m: Positive = 1.0
     """Length of the landing."""
 
@@ -211,7 +211,7 @@ class Ramp(Section, frozen=True, kw_only=True):
 
     @property
     def ridge(self) -> Ridge:
-        """Slopes and landing."""
+        """Slopes and landing, without the rails."""
         middle = Pose2D(*self.position_m, math.radians(self.heading_deg))
         return Ridge(middle, self.length_m, self.landing_m, self.rise_m, self.width_m)
 
@@ -224,7 +224,7 @@ class Ramp(Section, frozen=True, kw_only=True):
 
 
 class Patch(Section, frozen=True, kw_only=True):
-    """A rectangle of the ground with a friction of its own."""
+    """A rectangle of the ground with its own friction."""
 
     size_m: tuple[Positive, Positive]
     """Length (x), width (y)."""
@@ -236,7 +236,7 @@ class Patch(Section, frozen=True, kw_only=True):
     """Coulomb coefficient of the ground in it; the rollers' own multiplies it."""
 
     def covers(self, x: float, y: float) -> bool:
-        """Return whether it covers a point of the ground [m]."""
+        """Return whether the patch covers a point of the ground [m]."""
         middle = Pose2D(*self.position_m, math.radians(self.yaw_deg))
         at = middle.between(Pose2D(x, y))
         return abs(at.x) <= self.size_m[0] / 2 and abs(at.y) <= self.size_m[1] / 2
@@ -257,7 +257,7 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     ground_friction: NonNegative = 1.0
     """Coulomb coefficient of the ground; the rollers' own multiplies it."""
     slope_deg: Annotated[float, msgspec.Meta(ge=0.0, le=45.0)] = 0.0
-    """Inclination of the ground. The world frame is the ground's: gravity leans."""
+    """Inclination of the ground. The world frame stays on the ground: gravity is inclined."""
     slope_heading_deg: AngleDeg = 0.0
     """Direction uphill in the world frame."""
     obstacles: tuple[Box | Cylinder, ...] = ()
@@ -266,7 +266,7 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     tables: tuple[Table, ...] = ()
     ramps: tuple[Ramp, ...] = ()
     patches: tuple[Patch, ...] = ()
-    """Where they overlap, the last one counts."""
+    """Where patches overlap, the last one applies."""
     person: Person = Person()
     """The body of each person that a robot follows."""
 
@@ -278,6 +278,6 @@ class WorldConfig(Section, frozen=True, kw_only=True):
 
     @property
     def ridges(self) -> tuple[Ridge, ...]:
-        """All that rollers drive over."""
+        """All ramps and sills, over which the rollers drive."""
         sills = (sill for wall in self.walls for sill in wall.sills())
         return (*(ramp.ridge for ramp in self.ramps), *sills)

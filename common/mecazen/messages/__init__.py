@@ -1,6 +1,6 @@
-"""The messages: frozen structs, field for field ROS's, with ROS's defaults for what is missing.
+"""The messages: frozen structs with ROS's fields, and ROS's defaults for missing fields.
 
-ROS's own are in `ros`, those of `mecazen_msgs`, which have no equal in ROS, in `own`.
+Messages of ROS are in `ros`. Those of `mecazen_msgs`, which have no equal in ROS, are in `own`.
 """
 
 from mecazen.messages.own import *

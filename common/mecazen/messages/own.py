@@ -1,4 +1,4 @@
-"""Messages of `mecazen_msgs`: what has no equal in ROS."""
+"""Messages of `mecazen_msgs`, which have no equal in ROS."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from mecazen.messages.ros import (
 
 
 class _OwnMessage(Message):
-    """Base of all messages of `mecazen_msgs`; each has the name of its class there."""
+    """Base of all messages of `mecazen_msgs`; the name in ROS is the name of the class."""
 
     def __init_subclass__(cls) -> None:
         cls.ROS_TYPE = f"mecazen_msgs/msg/{cls.__name__}"
@@ -32,18 +32,18 @@ class _OwnMessage(Message):
 class Skeleton(_OwnMessage):
     """The body of a person: joints in header.frame_id, in the order of `mecazen.skeleton.JOINTS`.
 
-    The truth leaves `std` and `confidence` empty; a tracker leaves empty what it does not measure.
+    The truth leaves `std` and `confidence` empty; a tracker leaves unmeasured fields empty.
     """
 
     header: Header = Header()
     id: str = ""
     height: Float = 0.0
-    """Of the body [m]; 0 where it is not known."""
+    """Height of the body [m]; 0 if it is not known."""
     joints: tuple[Point, ...] = ()
     std: Floats = ()
     """Standard deviation of each joint along any axis [m]."""
     confidence: tuple[UInt32, ...] = ()
-    """Of each joint, as in k4abt: 0 none (out of view), 1 low (occluded), 2 medium (seen)."""
+    """Confidence of each joint, as in k4abt: 0 none (out of view), 1 low (occluded), 2 medium."""
     angles: Floats = ()
     """Sagittal angles in the order of `mecazen.skeleton.ANGLES` [rad]."""
     phases: Floats = ()
@@ -51,9 +51,9 @@ class Skeleton(_OwnMessage):
 
 
 class Skeletons(_OwnMessage):
-    """One frame of a body tracker: everybody seen, in any order; none if nobody was.
+    """One frame of a body tracker: all persons seen, in any order; empty if no person was seen.
 
-    header.stamp is when the frame was taken; the message comes later by the tracker's latency.
+    header.stamp is the time of capture; the message comes later by the tracker's latency.
     """
 
     header: Header = Header()
@@ -61,48 +61,48 @@ class Skeletons(_OwnMessage):
 
 
 class Person(_OwnMessage):
-    """Where somebody truly is, in the frame of a `People`."""
+    """True pose of a person, in the frame of a `People`."""
 
     id: str = ""
     pose: Pose = Pose()
     twist: Twist = Twist()
-    """In the person's own frame: x forward, y left."""
+    """Velocity in the person's own frame: x forward, y left."""
     height: Float = 0.0
-    """Of the body [m]; 0 where it is not known."""
+    """Height of the body [m]; 0 if it is not known."""
     joints: tuple[Point, ...] = ()
-    """In the order of `mecazen.skeleton.JOINTS`; empty where no sensor looks at them."""
+    """Joints in the order of `mecazen.skeleton.JOINTS`; empty if no sensor perceives them."""
 
 
 class NamedPose(_OwnMessage):
-    """Where the robot of a name truly is."""
+    """Name and true pose of a robot."""
 
     name: str = ""
     pose: Pose = Pose()
 
 
 class People(_OwnMessage):
-    """Everybody in the world: the persons that robots follow, all others, and the robots."""
+    """All persons in the world (those that robots follow, then all others), and the robots."""
 
     header: Header = Header()
     persons: tuple[Person, ...] = ()
-    """First those whom robots follow, by the robots' names ("target" of a single one)."""
+    """First the persons whom robots follow; their ids are the robots' names, or "target"."""
     robots: tuple[NamedPose, ...] = ()
 
 
 class Observation(_OwnMessage):
-    """One frame of the robot's person sensor: everybody seen, in any order; none if nobody was.
+    """One frame of the robot's person sensor: all persons seen, in any order; empty if none was.
 
-    header.stamp is when the frame was taken; the message comes later by the sensor's latency.
+    header.stamp is the time of capture; the message comes later by the sensor's latency.
     """
 
     header: Header = Header()
     poses: tuple[PoseWithCovariance, ...] = ()
     ids: tuple[str, ...] = ()
-    """The sensor's name for each of them; empty if it tells nobody apart."""
+    """The sensor's name for each person; empty if the sensor does not distinguish persons."""
 
 
 class FollowerState(_OwnMessage):
-    """What the follower believes and wants; poses and velocities in header.frame_id."""
+    """The follower's estimate, goal and errors; poses and velocities in header.frame_id."""
 
     header: Header = Header()
     tracking: str = ""
@@ -111,45 +111,45 @@ class FollowerState(_OwnMessage):
     estimate: tuple[Odometry, ...] = ()
     """The person; empty until first seen."""
     goal: tuple[Pose, ...] = ()
-    """Where the robot should be; empty until the person is first seen."""
+    """Goal pose of the robot; empty until the person is first seen."""
     distance_error: Float = 0.0
-    """Distance to the estimate less the standoff distance [m]."""
+    """Distance to the estimate minus the standoff distance [m]."""
     bearing_error: Float = 0.0
-    """Angle around the person, of the robot less of the goal [rad]."""
+    """Bearing of the robot as seen from the person, minus that of the goal [rad]."""
     heading_error: Float = 0.0
-    """Heading of the robot less of the goal [rad]."""
+    """Heading of the robot minus that of the goal [rad]."""
     last_seen_s: Float = 0.0
     """Simulated time since the last frame that showed the person [s]."""
     plan: str = ""
     """open (nothing is near), avoiding, gave_up_distance, gave_up_visibility, gave_up_bearing,
     gave_up_heading or waiting; empty without a planner."""
     plan_reason: str = ""
-    """Why it is not open."""
+    """Reason for a plan other than open."""
 
 
 class GuardState(_OwnMessage):
-    """What the guard does with the commanded velocity, and why."""
+    """The guard's action on the commanded velocity, and its reason."""
 
     header: Header = Header()
     state: str = ""
-    """clear, slow, stop, or blind where the lidar can't be relied on."""
+    """clear, slow, stop, or blind if the lidar can't be relied on."""
     factor: Float = 1.0
-    """How much of the commanded velocity is let through, from 0 to 1."""
+    """Share of the commanded velocity that is let through, from 0 to 1."""
     reason: str = ""
-    """In words; empty while everything is let through."""
+    """Reason in words; empty while everything is let through."""
     distance: Float = 0.0
-    """From the robot's outline to the nearest point [m]; 0 also where none is known."""
+    """Distance from the robot's outline to the nearest point [m]; 0 also if no point is known."""
     bearing: Float = 0.0
-    """Of that point from base_link's x axis [rad]."""
+    """Bearing of that point from base_link's x axis [rad]."""
 
 
 class SimState(_OwnMessage):
-    """What simulated time does; the answer of every `sim/…` query."""
+    """State of simulated time; the answer to `sim/state` and to the queries that control time."""
 
     clock: Time = Time()
     tick: Count = 0
     run: UInt32 = 0
-    """As in the stamps of its samples."""
+    """Number of the run, as in the stamps of its samples."""
     seed: UInt32 = 0
     mode: str = ""
     paused: bool = False
@@ -160,19 +160,19 @@ class SimState(_OwnMessage):
 
 
 class StepRequest(_OwnMessage):
-    """How many ticks to simulate while paused."""
+    """Request to simulate a number of ticks while paused."""
 
     ticks: Annotated[int, msgspec.Meta(ge=1, le=10**9)] = 1
 
 
 class ResetRequest(_OwnMessage):
-    """Back to the start; with a new seed when one is given."""
+    """Request to return to the start, with a new seed if one is given."""
 
     seed: UInt32 | None = None
 
 
 class SpeedRequest(_OwnMessage):
-    """Simulated seconds per wall second."""
+    """Request for a number of simulated seconds per wall second."""
 
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
 
@@ -181,39 +181,40 @@ class Parameter(_OwnMessage):
     """A setting of the configuration."""
 
     name: str = ""
-    """As in `--set`: `follower.standoff_m`; of one of several robots `robots.two.follower…`."""
+    """Name as in `--set`: `follower.standoff_m`; for one of several robots
+    `robots.two.follower…`."""
     value: str = ""
-    """In TOML; of a bare word the quotes may be missing. Empty: the setting is left out."""
+    """Value in TOML; a bare word needs no quotes. Empty: the setting is left out."""
 
 
 class Parameters(_OwnMessage):
-    """What has been changed of the configuration since the start, the last change last."""
+    """Changes of the configuration since the start, the last change last."""
 
     header: Header = Header()
     revision: UInt32 = 0
-    """How often it has been changed; stamps have it from the tick on from which this counts."""
+    """Number of changes so far; stamps have this number from the first tick with the changes on."""
     parameters: tuple[Parameter, ...] = ()
 
 
 class ParameterNames(_OwnMessage):
-    """Which parameters; without any, all that can be changed."""
+    """Names of the requested parameters; empty: all that can be changed."""
 
     names: tuple[str, ...] = ()
 
 
 class ParameterDescriptor(_OwnMessage):
-    """A parameter that can be changed while it runs, and what is allowed."""
+    """A parameter that can be changed while the simulation runs, and its allowed values."""
 
     name: str = ""
     value: str = ""
-    """In TOML; empty where the setting is left out."""
+    """Value in TOML; empty if the setting is left out."""
     type: str = ""
     """bool, integer, float, string or list."""
     unit: str = ""
     range: Floats = ()
-    """The least and the largest number, where both are known."""
+    """Smallest and largest number, if both are known."""
     allowed: str = ""
-    """In words."""
+    """Allowed values in words."""
 
 
 class ParameterDescriptors(_OwnMessage):
@@ -223,6 +224,6 @@ class ParameterDescriptors(_OwnMessage):
 
 
 class OdometryRequest(_OwnMessage):
-    """Where the odometry should believe the robot to be, in the odometry frame."""
+    """Request to set the odometry to a pose of the robot, in the odometry frame."""
 
     pose: Pose = Pose()

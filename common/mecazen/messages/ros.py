@@ -40,7 +40,7 @@ class Message(msgspec.Struct, frozen=True):
 
     ROS_TYPE: ClassVar[str]
     ROS_CONSTANTS: ClassVar[tuple[str, ...]] = ()
-    """Lines of ROS's definition: the values that a field may have."""
+    """Lines of ROS's definition: named constants for the values of a field."""
 
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -66,7 +66,7 @@ class Time(Message):
 
 
 class Header(Message):
-    """When the data is of, and in which frame."""
+    """Time and frame of the data."""
 
     ROS_TYPE: ClassVar[str] = "std_msgs/msg/Header"
     stamp: Time = Time()
@@ -155,7 +155,7 @@ class Pose(Message):
         """
         q = self.orientation
         x, y, z, w = q.x, q.y, q.z, q.w
-        if math.hypot(x, y, z, w) > 1e100:  # whose square may be infinite
+        if math.hypot(x, y, z, w) > 1e100:  # the square may be infinite
             longest = max(abs(x), abs(y), abs(z), abs(w))
             x, y, z, w = x / longest, y / longest, z / longest, w / longest
         yaw = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
@@ -202,9 +202,9 @@ class JointState(Message):
 class LaserScan(Message):
     """A planar scan: beam `i` at the angle angle_min + i angle_increment about z [rad].
 
-    REP-117's infinities are not finite and so no numbers here; its test `range_min <= r <=
-    range_max` tells what is measured all the same. No return within range (+Inf in REP-117) is
-    range_max + 1; a beam without a valid measurement (NaN) is 0, as many drivers have it.
+    Numbers must be finite, so REP-117's infinities are not allowed; its test `range_min <= r <=
+    range_max` still finds the measured ranges. No return within range (+Inf in REP-117) is
+    range_max + 1; a beam without a valid measurement (NaN) is 0, as in many drivers.
     """
 
     ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/LaserScan"
@@ -234,7 +234,7 @@ class Image(Message):
 
 
 class RegionOfInterest(Message):
-    """A part of a picture; all zero is the whole."""
+    """A part of a picture; all zeros mean the whole picture."""
 
     ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/RegionOfInterest"
     x_offset: UInt32 = 0
@@ -289,7 +289,7 @@ _POWER_SUPPLY = {
 class BatteryState(Message):
     """Voltage [V], current [A] (negative: discharging), charge [A·h] and health of a battery.
 
-    A quantity other than the voltage is 0 if it is not measured; ROS then has NaN.
+    A quantity other than the voltage is 0 if it is not measured; ROS uses NaN instead.
     """
 
     ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/BatteryState"

@@ -23,7 +23,7 @@ class Heard:
 
 
 class Health:
-    """Publishes values that a service reports, and the state of its inputs, by its own keys."""
+    """Publishes the values that a service reports, and the state of its inputs by their keys."""
 
     def __init__(
         self,

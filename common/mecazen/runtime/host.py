@@ -29,8 +29,8 @@ EARLY_AT_MOST = 16
 """Maximum number of samples kept for a run that has not begun in this process."""
 
 LONGER_S = 0.5
-"""How much longer to wait for a turn than for one that it waits for [s]: more than it takes to note
-that a wait is over."""
+"""Additional time to wait for a turn, compared with a turn that it waits for [s]. This exceeds the
+time until a process notes the end of a wait."""
 
 Part = tuple[str, str]
 """A service and its robot; the robot is empty for a single robot and for shared services."""

@@ -15,8 +15,8 @@ READY = "ready"
 def announce_readiness(bus: Bus, service: str, robot: str, scenario: Scenario) -> None:
     """Declare `<service>/ready` once every other service of the scenario is seen alive.
 
-    In real time it does not wait for observers, since no service needs them. From now on the bus
-    notes tokens of the scenario only.
+    In real time the service does not wait for observers, since no service needs them. From now on
+    the bus notes only tokens of the scenario.
 
     A service that sees another's token has a link to it and knows its subscriptions. Once all
     services are ready, all links exist, so no first sample is lost.

@@ -1,4 +1,4 @@
-"""Who plays: a planner of this package, or a class of your own."""
+"""Makers of the planners in an episode: planners of this package, or a user's class."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ NEAREST = 5
 
 
 class NodePlanner:
-    """A follower node of mecazen: it gets odometry, people and scans, and gives `cmd_vel`.
+    """A follower node of mecazen: it receives odometry, people and scans, and publishes `cmd_vel`.
 
-    The person to follow is named "target", and missing while out of sight.
+    The person to follow is named "target", and is absent while out of sight.
     """
 
     def __init__(self, made: type[Node], scenario: Scenario) -> None:
@@ -75,10 +75,11 @@ class PolicyPlanner:
 
 
 def observation(view: View) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return what a policy sees (234), in the frame of the robot's axle.
+    """Return the observation of a policy (234), in the frame of the robot's axle.
 
-    v, w; 1 beside the target and 0 behind it; the distance to keep; 1, place and velocity of the
-    target, or zeros while unseen; the same of the five nearest people; the beams of the scan.
+    The values are: v, w; 1 for the place beside the target, 0 for that behind it; the distance to
+    keep; 1, position and velocity of the target, or zeros while unseen; the same for the five
+    nearest people; the beams of the scan.
     """
     near = sorted(
         view.people, key=lambda one: (one.x - view.robot.x) ** 2 + (one.y - view.robot.y) ** 2
@@ -92,7 +93,7 @@ def observation(view: View) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 
 def entrant(name: str) -> Callable[[], Planner]:
-    """Return what makes a planner, by its name or `file.py:Class`.
+    """Return the maker of a planner, by its name or `file.py:Class`.
 
     Raises:
         ConfigError: There is no such planner.

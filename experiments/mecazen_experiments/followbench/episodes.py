@@ -1,4 +1,4 @@
-"""Reads the episodes of Follow-Bench 1.0, as their authors publish them: one YAML file each."""
+"""Reads the published episodes of Follow-Bench 1.0: one YAML file each."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from mecazen_experiments.followbench.view import Place
 SAMPLE = Path(__file__).with_name("sample")
 """The episodes that come with this package."""
 MAX_BYTES = 1 << 20
-"""Maximum size of an episode; the largest of theirs has 0.1 MiB."""
+"""Maximum size of an episode; the largest published one has 0.1 MiB."""
 GOAL_THRESHOLD_M = 0.1
-"""Distance at which a way-point is reached, where a file gives none [m]."""
+"""Default distance at which a way-point is reached [m]."""
 ROBOT_M = (0.70, 0.55)
 """Length and width of the only robot of the benchmark [m]."""
 FILE_NAME = re.compile(r"(?P<scenario>.+)_(?P<place>back|left_side)_\d+")
@@ -33,17 +33,17 @@ SCENARIO = re.compile(
 Manners = Literal["orca", "sfm"]
 """How people avoid each other: velocity obstacles or social forces."""
 Loader: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
-"""Every value stays a text; the type of its key converts it."""
+"""Every value remains a string, which is converted to the type of its key."""
 
 
 class Walk(NamedTuple):
-    """The way of a person."""
+    """The path of a person."""
 
     start: Pose2D
     goals: tuple[tuple[float, float], ...]
     """Points (x, y) [m] after the start, in order."""
     plans: bool
-    """Whether the person looks for a way round obstacles between the points."""
+    """Whether the person plans a path round obstacles between the points."""
     goal_threshold: float
     """Distance at which a point is reached [m]."""
     safe_dist: float
@@ -61,14 +61,14 @@ class Box(NamedTuple):
 
 
 class Density(NamedTuple):
-    """The difficulty of an episode of its class."""
+    """The difficulty of an episode within its class."""
 
     humans: int
-    """People besides the target."""
+    """Number of people besides the target."""
     width: float | None = None
-    """Width of the corridor, of each way of the crossing, or of the door [m]."""
+    """Width of the corridor, of each path of the crossing, or of the door [m]."""
     obstacles: int | None = None
-    """Boxes in the clutter."""
+    """Number of boxes in the clutter."""
 
 
 class EpisodeLength(NamedTuple):
@@ -76,11 +76,11 @@ class EpisodeLength(NamedTuple):
 
     max_steps: int
     max_search_steps: int
-    """Longest time out of sight of a success."""
+    """Longest time without sight of the target in a successful episode."""
 
 
 class Episode(msgspec.Struct, frozen=True):
-    """A place with people, and a robot that shall follow one of them."""
+    """A world with people, and a robot that shall follow one person."""
 
     name: str
     cls: str
@@ -90,15 +90,16 @@ class Episode(msgspec.Struct, frozen=True):
     place: Place
     density: Density
     robot: Pose2D
-    """The rear axle at the start."""
+    """Pose of the rear axle at the start."""
     target: Walk
     humans: tuple[Walk, ...]
     boxes: tuple[Box, ...]
     size: tuple[float, float]
-    """Width and height of the world [m], from its corner (0, 0) on."""
+    """Width and height of the world [m]; its corner is at (0, 0)."""
     step_s: float
     inflation_cells: int
-    """Side of the square, in cells of the grid, by which obstacles grow for planned ways."""
+    """Side of the square, in cells of the grid, by which obstacles are inflated for planned
+    paths."""
     max_steps: int
     max_search_steps: int
     distance: float = 1.5
@@ -113,7 +114,7 @@ State = tuple[Coordinate, Coordinate, Coordinate]
 class _Planner(msgspec.Struct):
     dialate: Annotated[int, msgspec.Meta(ge=0, le=100)]
     skip_num: Literal[5]
-    """Cells from one way-point to the next; all files have the same."""
+    """Number of cells from one way-point to the next; equal in all files."""
 
 
 class _World(msgspec.Struct):
@@ -207,7 +208,7 @@ def episode_lengths() -> dict[str, EpisodeLength]:
 
 
 def class_and_density(scenario: str, humans: int) -> tuple[str, Density]:
-    """Return class and density of a scenario, by its name; a track is a class of its own."""
+    """Return class and density of a scenario, by its name; each track is a separate class."""
     parts = SCENARIO.fullmatch(scenario)
     if parts is None:
         return scenario, Density(humans)
@@ -220,7 +221,7 @@ def _episode(name: str, scenario: str, place: Any, file: _File) -> Episode:
     """Return the episode of a file.
 
     Raises:
-        msgspec.ValidationError: A value is not one that their format has.
+        msgspec.ValidationError: A value is not allowed by the published format.
     """
     robot, world = file.robot[0], file.world
     if (robot.shape.length, robot.shape.width) != ROBOT_M:
@@ -252,7 +253,7 @@ def _episode(name: str, scenario: str, place: Any, file: _File) -> Episode:
 
 
 def _walk(person: _Person, where: str) -> Walk:
-    """Return the way of a person; raises as `_episode`."""
+    """Return the path of a person; raises as `_episode`."""
     goal = person.goal
     if goal and isinstance(goal[0], list):
         if len(goal) != 1:
@@ -272,7 +273,7 @@ def _walk(person: _Person, where: str) -> Walk:
 
 
 def _convert(value: Any, kind: Any, where: str) -> Any:
-    """Return a value as a type; raises as `_episode`."""
+    """Convert a value to a type; raises as `_episode`."""
     try:
         return msgspec.convert(value, kind, strict=False)
     except msgspec.ValidationError as error:
@@ -285,10 +286,10 @@ def _misfit(problem: str, where: str) -> msgspec.ValidationError:
 
 
 def _parse(path: Path) -> Any:
-    """Return the content of a YAML file, all values as texts.
+    """Return the content of a YAML file, with all values as strings.
 
-    Its events are counted first: the parser of the library crashes where a file nests too deep,
-    and references to other parts of a file could make it too large.
+    The parser's events are checked first: the library crashes if a file is nested too deeply, and
+    references to other parts of a file could make the content too large.
 
     Raises:
         ConfigError: One line with the path and the reason.

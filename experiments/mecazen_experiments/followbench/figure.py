@@ -1,4 +1,4 @@
-"""The success rate over the number of people in the open, beside the published ones."""
+"""The success rate over the number of people in open scenes, beside the published rates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mecazen_experiments.report import Row
 from mecazen_experiments.statistics import Interval
 
 PUBLISHED = {"MPC w/ Traj.": "0.3", "SFM": "0.6"}
-"""The best planner and the reference, with their greys."""
+"""The best published planner and the reference, with their grey levels."""
 CONDITION = re.compile(r"H(\d+), (back|left_side), 1.5 m")
 
 
@@ -26,7 +26,7 @@ def draw(rows: Sequence[Row[Any]], folder: Path) -> list[Path]:
     """Write the figure into a folder, as PNG and SVG, and return the files.
 
     Args:
-        rows: A row for each follower, place and number of people in the open.
+        rows: A row for each follower, place and number of people in open scenes.
         folder: The folder.
     """
     with style.context(STYLE):
@@ -65,7 +65,7 @@ def _panel(axes: Axes, rows: Sequence[Row[Any]], place: str) -> None:
 
 
 def _published(name: str, place: str) -> list[tuple[int, float]]:
-    """Return the published success rates of a planner in the open, by the number of people."""
+    """Return the published success rates of a planner in open scenes, by the number of people."""
     with (SAMPLE / "published.csv").open(encoding="utf-8", newline="") as file:
         rows = [
             (CONDITION.fullmatch(row["condition"]), row)

@@ -1,4 +1,4 @@
-"""An episode as a short film: who walks where, what the robot's outline does, and how it ends."""
+"""An episode as a short film: people, the robot's outline, and the end of the episode."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from mecazen_experiments.followbench.play import Record
 EVERY = 4
 """Steps from one picture to the next; a step is 0.1 s."""
 PER_S = 10
-"""Pictures a second: four times as fast as the episode."""
+"""Pictures per second: four times as fast as the episode."""
 AROUND_M = 6.0
-"""The film follows the target, and shows this much to each side."""
+"""Half the width of the picture, which follows the target."""
 SIZE_IN, DPI = 3.6, 75
 END = 10
-"""Pictures for which the end stays."""
+"""Number of pictures for which the last step is shown."""
 RED = "#c0392b"
 
 

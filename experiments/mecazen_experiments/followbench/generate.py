@@ -1,7 +1,7 @@
 """Draws episodes like those of Follow-Bench.
 
-Its generator is not published. The distributions here are read off the published files; tests
-compare both. Numbers without another source are the limits seen in the files.
+The original generator is not published. The distributions here are derived from the published
+files; tests compare both. Numbers without another source are the limits observed in the files.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from mecazen_experiments.followbench.episodes import (
 from mecazen_experiments.followbench.view import Place
 
 CLEAR_M = 1.5
-"""Least distance of people from target and robot at the start [m]."""
+"""Minimum distance of people from target and robot at the start [m]."""
 TRIES = 1000
-"""Draws for one person or box, before all are drawn again."""
+"""Maximum number of draws for one person or box, before all are drawn again."""
 
 Point = tuple[float, float]
 Ways = list[tuple[Point, ...]]
-"""Start and goals of each person."""
+"""Start and goals of each person [m]."""
 
 
 class Scenario(NamedTuple):
@@ -59,11 +59,11 @@ class _Setting(NamedTuple):
     safe_dist: float
     goal_threshold: float
     robot: dict[Place, Point]
-    """Place of the robot beside the target, in the target's frame [m]."""
+    """Position of the robot in the target's frame [m]."""
 
 
 class _Drawn(NamedTuple):
-    """A drawn scene: pose and goal of the target, the ways of the others, and boxes."""
+    """A drawn scene: pose and goal of the target, the paths of the others, and boxes."""
 
     target: Pose2D
     goal: Point
@@ -71,7 +71,7 @@ class _Drawn(NamedTuple):
     boxes: tuple[Box, ...] = ()
 
 
-class _Jammed(Exception):  # noqa: N818  # a reason to draw again, no error
+class _Jammed(Exception):  # noqa: N818  # a reason to draw again, not an error
     """No room is left for a person or a box."""
 
 
@@ -97,11 +97,12 @@ PEOPLE_OF_LAYOUTS: dict[str, tuple[tuple[float | None, int | None], tuple[int, .
     "Doorway": ((2.8, None), (2, 6, 10, 14)),
     "Clutter": ((None, 30), (10, 20, 30, 40)),
 }
-"""Width and boxes of the layouts that are published by four levels of people, and their numbers."""
+"""Width and number of boxes of the layouts with four published levels of people, and these
+levels."""
 
 
 def scenarios(manners: Manners = "orca") -> list[Scenario]:
-    """Return the scenarios with people; there are layouts with `orca` only."""
+    """Return the scenarios with people; layouts exist only with `orca`."""
     return [
         Scenario(name, *class_and_density(name, int(name.rpartition("H")[2].partition("W")[0])))
         for name in episode_lengths()
@@ -128,8 +129,8 @@ def generate(
 ) -> Episode:
     """Return an episode of a class; the same arguments give the same episode.
 
-    Tracks have no chance in them. The distance [m] that the robot shall keep moves nothing: in
-    their files too, the robot starts where it is for 1.5 m.
+    Tracks have no random part. The distance [m] to keep does not change the start: as in the
+    published files, the robot starts at the position for 1.5 m.
 
     Raises:
         ConfigError: The benchmark has no such scenario.
@@ -176,12 +177,12 @@ def generate(
 
 
 def _heading(start: Point, goal: Point) -> float:
-    """Return the direction from start to goal [rad], rounded as in their files."""
+    """Return the direction from start to goal [rad], rounded as in the published files."""
     return round(math.atan2(goal[1] - start[1], goal[0] - start[0]), 3)
 
 
 def _track(track: str, name: str, place: Place, distance: float) -> Episode:
-    """Return the episode of a track, of which the sample has one place at least."""
+    """Return the episode of a track, from the sample's episode for any place."""
     path = next((SAMPLE / "target_trajectory").glob(f"{track}_*.yaml"))
     episode = read(path)
     x, y, _ = episode.target.start
@@ -190,7 +191,7 @@ def _track(track: str, name: str, place: Place, distance: float) -> Episode:
 
 
 def _draw(cls: str, place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return a scene of a class in which everyone has room."""
+    """Return a scene of a class; draw again if there is no room for a person or box."""
     while True:
         try:
             return DRAW[cls](place, density, chance)
@@ -204,10 +205,10 @@ def _apart(
     gap: float,
     is_clear: Callable[[tuple[Point, ...]], bool],
 ) -> tuple[Point, ...]:
-    """Return a clear way that starts apart from those taken.
+    """Return a clear path that starts apart from the paths in `taken`.
 
     Raises:
-        _Jammed: None was found.
+        _Jammed: No such path was found.
     """
     for _ in range(TRIES):
         way = draw()
@@ -217,7 +218,7 @@ def _apart(
 
 
 def _away(place: Point, others: list[Point], gap: float) -> bool:
-    """Return whether a place is a distance at least from others."""
+    """Return whether the distance of a point from all others is at least `gap`."""
     return all(math.dist(place, other) >= gap for other in others)
 
 
@@ -230,24 +231,24 @@ def _ends(ways: Ways) -> list[Point]:
 
 
 def _shares(number: int, parts: int, chance: np.random.Generator) -> list[int]:
-    """Return how many people each part gets; all ways to share them are equally likely."""
+    """Return a random number of people for each part; all distributions are equally likely."""
     bars = np.sort(chance.choice(number + parts - 1, parts - 1, replace=False))
     shares = np.diff([-1, *bars, number + parts - 1]) - 1
     return [int(share) for share in shares]
 
 
 def _uniform(chance: np.random.Generator, low: float, high: float) -> float:
-    """Return a number drawn from a range, rounded as in their files."""
+    """Return a number drawn from a range, rounded as in the published files."""
     return round(float(chance.uniform(low, high)), 2)
 
 
 def _target(cls: str, place: Place, start: Pose2D) -> list[Point]:
-    """Return where target and robot start."""
+    """Return the start positions of target and robot."""
     return [start[:2], start.compose(Pose2D(*SETTINGS[cls].robot[place]))[:2]]
 
 
 OPEN_GAP_M = 1.2
-"""Least distance between people at the start [m]: four radii."""
+"""Minimum distance between people at the start [m]: four radii."""
 
 
 def _open(
@@ -257,7 +258,7 @@ def _open(
     goals: bool = False,
     start_x: float = 8.0,
 ) -> _Drawn:
-    """Return a crowd in the empty world: `draw` returns a way for a person, by number."""
+    """Return a crowd in the empty world: `draw` returns a path for a person, by number."""
     target = Pose2D(start_x, 15.0, 0.0)
     clear, ways = _target("Crowd", place, target), Ways()
 
@@ -271,7 +272,7 @@ def _open(
 
 
 def _circular(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people on a circle, each on the way to the opposite point."""
+    """Return people on a circle, who walk to the opposite point."""
     is_wide = density.humans >= 20
     radius = 8.0 if is_wide else 5.0
 
@@ -287,7 +288,7 @@ def _circular(place: Place, density: Density, chance: np.random.Generator) -> _D
 
 
 def _crowd(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people on the way from anywhere to anywhere in the middle."""
+    """Return people with random starts and goals in the middle of the world."""
 
     def draw(_: int) -> tuple[Point, ...]:
         x, y, goal_x, goal_y = (_uniform(chance, 10.0, 20.0) for _ in range(4))
@@ -297,7 +298,7 @@ def _crowd(place: Place, density: Density, chance: np.random.Generator) -> _Draw
 
 
 def _perpendicular(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people who walk across the target's way, 0.9 m at least."""
+    """Return people who walk at right angles to the target's path, at least 0.9 m."""
 
     def draw(_: int) -> tuple[Point, ...]:
         x, y, goal_y = (_uniform(chance, 10.0, 20.0) for _ in range(3))
@@ -309,7 +310,7 @@ def _perpendicular(place: Place, density: Density, chance: np.random.Generator) 
 
 
 def _parallel(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people along the target's way: the first half above it, the others below."""
+    """Return people parallel to the target's path: the first half above it, the others below."""
 
     def draw(number: int) -> tuple[Point, ...]:
         is_above = number < (density.humans + 1) // 2
@@ -323,16 +324,16 @@ def _parallel(place: Place, density: Density, chance: np.random.Generator) -> _D
 
 
 def _half_way(cls: str, density: Density) -> float:
-    """Return half the width [m] in which people walk: the part that inflation leaves free."""
-    assert density.width is not None  # of a layout with walls
+    """Return half the width [m] in which people walk: the free part after inflation."""
+    assert density.width is not None  # layouts with walls have a width
     return density.width / 2.0 - SETTINGS[cls].inflation_cells * CELL_M / 2.0
 
 
 def _corridor(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people in a corridor, each from one half to the other.
+    """Return people in a corridor, who walk from one half to the other.
 
-    Between a quarter and three quarters of them walk to the right. Nobody's goal is where one
-    drawn before starts.
+    Between a quarter and three quarters of the people walk to the right. No goal is near the start
+    of a person drawn before.
     """
     target = Pose2D(8.0, 5.0, 0.0)
     clear, ways, half = _target("Corridor", place, target), Ways(), _half_way("Corridor", density)
@@ -360,7 +361,7 @@ def _corridor(place: Place, density: Density, chance: np.random.Generator) -> _D
 
 
 def _routes() -> Iterator[tuple[int, int]]:
-    """Yield the ways over the crossing, from arm to arm: straight on first, then turns.
+    """Yield the routes over the crossing, from arm to arm: straight routes first, then turns.
 
     Arms: top 0, bottom 1, left 2, right 3.
     """
@@ -369,10 +370,10 @@ def _routes() -> Iterator[tuple[int, int]]:
 
 
 def _intersection(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people on two crossing ways, of whom three in four turn off at the crossing.
+    """Return people on two crossing paths; on average three in four turn off at the crossing.
 
-    Nobody's goal is where one drawn before starts; starts and goals are clear of the target's
-    start.
+    No goal is near the start of a person drawn before; starts and goals are clear of the target's
+    and the robot's start.
     """
     target = Pose2D(8.0, 20.0, 0.0)
     clear, ways = _target("Intersection", place, target), Ways()
@@ -408,9 +409,10 @@ def _intersection(place: Place, density: Density, chance: np.random.Generator) -
 
 
 def _doorway(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people on both sides of a wall, each on the way through its only door.
+    """Return people on both sides of a wall, who walk through its only door.
 
-    Starts are apart from starts and goals from goals, and all of them from the target's two.
+    Starts are apart from each other, as are goals, and both are apart from the target's start and
+    goal.
     """
     gap = 2.0 if density.humans <= 6 else 1.5
 
@@ -438,21 +440,22 @@ def _doorway(place: Place, density: Density, chance: np.random.Generator) -> _Dr
 
 
 WALL_M = 0.0001
-"""Thickness of the walls about the clutter [m]."""
+"""Thickness of the walls around the clutter [m]."""
 FROM_WALL_M = math.sqrt(2.0)
-"""Least distance of people and of boxes in the grid from the walls [m]: half of 2 m's diagonal."""
+"""Minimum distance of people and of boxes in the grid from the walls [m]: half the diagonal of the
+largest box, 2 m x 2 m."""
 NEAR_WALL_M = 0.8
-"""Least distance of the centre of a box outside the grid from the walls [m]."""
+"""Minimum distance of the centre of a box outside the grid from the walls [m]."""
 BETWEEN_BOXES_M = 2.0
-"""Least distance between the centres of boxes [m]."""
+"""Minimum distance between the centres of boxes [m]."""
 FROM_ENDS_M = 2.5
-"""Least distance of a box's centre from start and goal of the target [m]."""
+"""Minimum distance of a box's centre from start and goal of the target [m]."""
 CLUTTER_GAP_M = 2.0
-"""Least distance between people in the clutter at the start [m]."""
+"""Minimum distance between people in the clutter at the start [m]."""
 
 
 def _clutter(place: Place, density: Density, chance: np.random.Generator) -> _Drawn:
-    """Return people who stroll between boxes, 19 way-points each."""
+    """Return people who walk at random between boxes, with 19 way-points each."""
     target = Pose2D(2.5, 2.5, math.pi / 4)
     end = 28.5 if place == "back" else 27.0
     boxes = _boxes(density.obstacles or 0, (target[:2], (end, end)), chance)
@@ -467,9 +470,9 @@ def _clutter(place: Place, density: Density, chance: np.random.Generator) -> _Dr
 
 
 def _boxes(number: int, ends: tuple[Point, Point], chance: np.random.Generator) -> tuple[Box, ...]:
-    """Return four walls and boxes of 0.6 to 2 m: one in each cell of a grid, the others anywhere.
+    """Return four walls, and boxes of 0.6 to 2 m: one in each cell of a grid, the others anywhere.
 
-    The first 70 % lie along the axes, the others are turned.
+    The first 70 % are parallel to the axes, the others are turned.
 
     Raises:
         _Jammed: A box has no room.
@@ -515,7 +518,7 @@ def _is_free(x: float, y: float, boxes: tuple[Box, ...]) -> bool:
         return False
     point = np.array([[x, y]])
     for box in boxes[4:]:
-        if math.dist((x, y), box[:2]) < 2.0 * FROM_WALL_M:  # else no corner is near
+        if math.dist((x, y), box[:2]) < 2.0 * FROM_WALL_M:  # otherwise no corner is near
             ahead, beside = between(Pose2D(*box[:3]), point).T
             half = (box.length / 2.0, box.width / 2.0)
             if to_rectangle(ahead, beside, half)[0] < FROM_WALL_M:
@@ -524,7 +527,7 @@ def _is_free(x: float, y: float, boxes: tuple[Box, ...]) -> bool:
 
 
 def _free_point(boxes: tuple[Box, ...], chance: np.random.Generator) -> Point:
-    """Return a point anywhere that is clear of boxes and walls."""
+    """Return a random point that is clear of boxes and walls."""
     while True:
         x, y = (float(v) for v in chance.uniform(0.0, 30.0, 2))
         if _is_free(x, y, boxes):
@@ -532,10 +535,10 @@ def _free_point(boxes: tuple[Box, ...], chance: np.random.Generator) -> Point:
 
 
 def _stroll(start: Point, boxes: tuple[Box, ...], chance: np.random.Generator) -> tuple[Point, ...]:
-    """Return a start and 19 points, each 2 to 4 m from the one before.
+    """Return a start and 19 points, each 2 to 4 m from the previous point.
 
     Raises:
-        _Jammed: No point is free about one of them.
+        _Jammed: No free point was found around a point.
     """
     way = [start]
     tries = 0

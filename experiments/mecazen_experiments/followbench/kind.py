@@ -1,4 +1,4 @@
-"""Follow-Bench as two kinds of experiments: by its rules, and with our robot in its episodes."""
+"""Follow-Bench as two kinds of experiments: by its rules, and in its episodes with our robot."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Entry(msgspec.Struct, frozen=True):
     place: Place
     density: Density
     file: str = ""
-    """Empty for the generator."""
+    """File of the episode; empty for the generator."""
 
     def episode(self, seed: int) -> Episode:
         """Return the episode."""
@@ -107,7 +107,7 @@ def drawn(followers: Sequence[str], seeds: Sequence[int], only: Sequence[str]) -
         if (cell.cls, place) == MISSING or (only and cell.cls not in only):
             continue
         entry = Entry(follower, cell.cls, place, cell.density)
-        # a track has no chance in it
+        # a track has no random part
         chosen = seeds if cell.cls in SETTINGS else seeds[:1]
         todo.append(_series([(entry, seed) for seed in chosen]))
     return todo
@@ -169,7 +169,7 @@ def _sha256(entry: Entry) -> str:
 
 
 def said(density: Density) -> str:
-    """Return a density in words."""
+    """Return a density as text."""
     parts = [f"{density.humans} people"]
     if density.width is not None:
         parts.append(f"{density.width:g} m wide")
@@ -205,7 +205,7 @@ LEVELS = {
     for cls, (size, numbers) in PEOPLE_OF_LAYOUTS.items()
     for level, humans in enumerate(numbers, start=1)
 }
-"""The level of people of a class and a density in words."""
+"""The level of people, by class and density as text."""
 
 
 def _measure_own(job: Job) -> tuple[OwnRun, str]:
@@ -220,7 +220,7 @@ def _kind_of(cls: Any) -> str:
 
 
 def tables(rows: Sequence[Row[Metrics]]) -> list[Table]:
-    """Return tables over all episodes, by people in the open and in layouts, and by class."""
+    """Return tables over all episodes, by people in open scenes and layouts, and by class."""
     found = _tables(FOLLOWBENCH, rows, COLUMNS, CAPTION)
     pairs = _pairs(rows)
     if pairs:
@@ -270,7 +270,7 @@ def _pairs(rows: Sequence[Row[Metrics]]) -> list[Row[Metrics]]:
 
 
 def _total(row: Row[Any]) -> tuple[str, str]:
-    """Return the follower of a row, and whether it is open, a layout or a track."""
+    """Return the follower of a row, and whether its scenes are open, layouts or tracks."""
     return str(row.labels["follower"]), _kind_of(row.labels["class"])
 
 
@@ -280,7 +280,7 @@ def _scaled(name: str, value: Interval) -> Interval:
 
 
 def own_tables(rows: Sequence[Row[OwnRun]]) -> list[Table]:
-    """Return the same tables of our robot."""
+    """Return the same tables for our robot."""
     return _tables(OWN_ROBOT, rows, OWN_COLUMNS, OWN_CAPTION, MORE)
 
 
@@ -328,14 +328,14 @@ def _in_percent(metrics: Metrics) -> dict[str, float | None]:
 
 
 def draw(folder: Path, rows: Sequence[Row[Metrics]]) -> list[Path]:
-    """Write the figure of the success in the open into a folder, and return the files."""
+    """Write the figure of the success rates in open scenes into a folder, and return the files."""
     from mecazen_experiments.followbench import figure  # noqa: PLC0415  # imports Matplotlib
 
     return figure.draw(regroup(FOLLOWBENCH, _in_open(rows), _by_people), folder)
 
 
 def film_of(folder: Path, job: Job) -> Path:
-    """Play an episode again, write it as a film into a folder, and return the file."""
+    """Play an episode again, write a film of it into a folder, and return the file."""
     from mecazen_experiments.followbench.film import film  # noqa: PLC0415  # imports Matplotlib
 
     episode, record = _played(job)
@@ -345,7 +345,7 @@ def film_of(folder: Path, job: Job) -> Path:
 
 
 def worst(series: Series, row: Row[Metrics]) -> Job:
-    """Return the first episode of a row that failed, or else its first one."""
+    """Return the first failed episode of a row, or its first episode if none failed."""
     failed = {run.record.key for run in row.runs if not run.record.scores.sr}
     return next((job for job in series.jobs if job.key in failed), series.jobs[0])
 
@@ -360,7 +360,7 @@ def rows_of(file: Path) -> list[Row[Metrics]]:
     """Return the rows of a result that `--json` wrote.
 
     Raises:
-        ConfigError: The file is no such result.
+        ConfigError: The file is not a result of `--json`.
     """
     try:
         return msgspec.json.decode(read_bytes(file), type=Result).rows
@@ -369,7 +369,7 @@ def rows_of(file: Path) -> list[Row[Metrics]]:
 
 
 FOLLOWBENCH = Kind("followbench", Record[Metrics], _measure, _in_percent, tables)
-"""Table A: their robot and rules."""
+"""Table A: the robot and rules of Follow-Bench."""
 OWN_ROBOT = Kind(
     "followbench_own",
     Record[OwnRun],

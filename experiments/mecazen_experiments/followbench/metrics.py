@@ -1,7 +1,8 @@
-"""The metrics of Follow-Bench 1.0, as its code computes them, and ours next to them.
+"""The metrics of Follow-Bench 1.0, as its code computes them, and our additional metrics.
 
-Its code records a row after each step: the start is no row, and the first step adds no path. A run
-that ends early counts the rest of the episode as out of sight and outside of every zone.
+Its code records a row after each step. So the start is not a row, and the first step adds no path
+length. If a run ends early, the rest of the episode counts as out of sight and outside of every
+zone.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from mecazen_experiments.statistics import Interval, paired_difference
 from mecazen_experiments.table import wrap
 
 RADII_M = math.hypot(*HALF) + PERSON_RADIUS
-"""Radius of the circle about the robot's outline, and that of a person [m]."""
+"""Sum of the radius of the circle around the robot's outline and the radius of a person [m]."""
 PRIVATE_M, PERSONAL_M = 0.45, 1.2
 """Outer radii of the private and the personal zone of a person [m], after E. T. Hall, 1966."""
 MIN_SPEED_M_S = 0.01
-"""A slower target keeps its heading."""
+"""Speed below which the target keeps its heading."""
 
 
 class Metrics(msgspec.Struct, frozen=True):
@@ -36,13 +37,13 @@ class Metrics(msgspec.Struct, frozen=True):
     asr: float
     """1 without contact."""
     tvr: float
-    """Share of the longest episode with the target visible."""
+    """Share of the longest possible episode with the target visible."""
     tin_tperson: float
-    """Share of it in the target's personal zone, outside of the private one."""
+    """Share of this time in the target's personal zone, outside of the private zone."""
     tin_private: float
-    """Share of it in the private zone of another person."""
+    """Share of this time in the private zone of another person."""
     pl_m: float
-    """Length of the path of the axle."""
+    """Length of the axle's path."""
     avg_vel_m_s: float
     avg_acc_m_s2: float
     jerk_m_s3: float
@@ -50,21 +51,22 @@ class Metrics(msgspec.Struct, frozen=True):
     """Length of the path while the target is out of sight."""
     search_time_s: float
     caused_contact: float
-    """1 for a contact that the robot caused, see `has_caused_contact`; this and the following are
-    not of Follow-Bench."""
+    """1 for a contact that the robot caused, see `has_caused_contact`. This metric and the
+    following ones are not part of Follow-Bench."""
     in_view: float
     """Share of the driven steps with the target visible."""
     d_err_m: float
-    """Mean of |D - D0|, D the distance from axle to target."""
+    """Mean of |D - D0|; D is the distance from axle to target."""
     theta_err_deg: float | None
     """Mean error of the robot's heading; None beside a target that never moves.
 
-    Behind the target the robot shall face it, beside it look along its motion.
+    Behind the target the robot shall face the target; beside it, the robot shall face the direction
+    of the target's motion.
     """
 
 
 def measure(record: Record, place: Place, distance: float) -> Metrics:
-    """Return the metrics of an episode in which the robot should keep a place and distance [m]."""
+    """Return the metrics of an episode in which the robot shall keep a place and distance [m]."""
     dt, most = record.step_s, record.max_steps
     robot, target, visible = record.robot[1:], record.target[1:], record.visible[1:]
     to_target = np.hypot(*(target - robot[:, :2]).T)
@@ -100,8 +102,8 @@ def measure(record: Record, place: Place, distance: float) -> Metrics:
 def velocities(record: Record) -> Floats:
     """Return the velocity (n, 2) [m/s] of the axle in the world in each step.
 
-    Its code multiplies the speed of a step by the heading after it; the robot moves along the
-    heading before it.
+    The code of Follow-Bench combines the speed of a step with the heading after the step; the robot
+    moves along the heading before the step.
     """
     before, after = record.robot[:-1, 2], record.robot[1:, 2]
     dx, dy = np.diff(record.robot[:, :2], axis=0).T / record.step_s
@@ -112,9 +114,9 @@ def velocities(record: Record) -> Floats:
 def has_caused_contact(record: Record) -> bool:
     """Return whether the episode ended in a contact that the robot caused.
 
-    A contact arises in the robot's move of the last step, or before it, in a person's move of the
-    step before. The robot caused it if the person would not have touched the outline had the
-    robot stood still in that step. A contact with a box is always caused by the robot.
+    A contact arises in the robot's move of the last step, or in a person's move of the previous
+    step. The robot caused the contact if the person would not have touched the outline of a robot
+    that stands still in that step. The robot always causes a contact with a box.
     """
     if not record.collided:
         return False
@@ -133,7 +135,7 @@ def compare(a: Mapping[str, Metrics], b: Mapping[str, Metrics]) -> dict[str, Int
 
     Args:
         a: The metrics of a planner by the name of the episode.
-        b: Those of another.
+        b: The metrics of another planner, likewise.
     """
     differences = {}
     for name in Metrics.__struct_fields__:
@@ -147,7 +149,7 @@ def compare(a: Mapping[str, Metrics], b: Mapping[str, Metrics]) -> dict[str, Int
 
 
 def _mean_norm(vectors: Floats) -> float:
-    """Return the mean length of vectors (n, 2), 0 for none: a run of one step has no jerk."""
+    """Return the mean length of vectors (n, 2), or 0 if n is 0: a run of one step has no jerk."""
     return float(np.hypot(*vectors.T).mean()) if len(vectors) else 0.0
 
 

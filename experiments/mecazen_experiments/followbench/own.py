@@ -1,4 +1,4 @@
-"""A run of table B: how safely our robot follows among people, and how well it sees the gait."""
+"""A run of table B: safety of our robot among people, and accuracy of the measured gait."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from mecazen_experiments.tables import Column
 from mecazen_experiments.watch import Watched
 
 WALKS_M_S = 0.5
-"""A slower person stops: strides are measured in the longest walk without a stop."""
+"""Speed below which a person has stopped: strides are measured in the longest walk without a
+stop."""
 LEAST_FRAMES = 50
-"""Shortest walk of which strides are measured: 2 s."""
+"""Minimum number of frames of a walk whose strides are measured: 2 s."""
 COLUMNS: tuple[Column, ...] = (
     *SAFETY_COLUMNS,
     ("stride\n\\[ms]", "stride_time_err_ms", 0),
@@ -27,10 +28,10 @@ COLUMNS: tuple[Column, ...] = (
 
 
 class OwnRun(Safety, frozen=True):
-    """The measures of a run of table B; None where the robot saw no stride of both legs."""
+    """The measures of a run of table B; None if the robot saw no stride of each leg."""
 
     stride_time_err_ms: float | None
-    """Error of the mean stride time that the robot saw."""
+    """Error of the mean stride time that the robot measured."""
     stride_length_err_mm: float | None
 
 

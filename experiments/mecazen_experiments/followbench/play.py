@@ -1,4 +1,4 @@
-"""An episode of Follow-Bench by its own rules: the robot, then the target, then the others."""
+"""Plays an episode of Follow-Bench: in each step the robot moves, then the target, then others."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OUTLINE = Outline(
     side=unicycle.HALF[1],
     yaw=0.0,
 )
-"""The robot about its axle, to which people give way."""
+"""The robot's outline relative to its axle, which people avoid."""
 
 
 class Record(NamedTuple):
@@ -52,7 +52,7 @@ class World:
         self.episode = episode
         self.boxes: Floats = np.array(episode.boxes).reshape(-1, 5)
         obstacles, grid = _obstacles(episode), grid_of(episode)
-        # as in Follow-Bench, people also avoid the middles of boxes and a thing at the origin
+        # as in Follow-Bench, people also avoid the centres of boxes and an object at the origin
         self._things = [Other(0.0, 0.0, 0.0, 0.0, 0.0)]
         for x, y, yaw, length, width in episode.boxes:
             outline = Outline(length / 2.0, length / 2.0, width / 2.0, yaw)
@@ -70,7 +70,7 @@ class World:
         self._known = sight.KnownArea()
 
     def step(self, v: float, w: float) -> bool:
-        """Advance by a step; return whether the robot touches something after its own move."""
+        """Advance by a step; return whether the robot touches anything after its own move."""
         dt, time = self.episode.step_s, (self.steps + 1) * self.episode.step_s
         self.robot = self.robot.step(v, w, dt, self.episode.size)
         touches = unicycle.touches(self.robot.pose, self.places, self.boxes)
@@ -97,7 +97,7 @@ class World:
         return seen
 
     def view(self, seen: list[bool]) -> View:
-        """Return what the robot sees."""
+        """Return the planner's view of the world."""
         target, *humans = (Seen(*one) for one in (*self.target.states, *self.humans.states))
         return View(
             self.steps * self.episode.step_s,
@@ -113,7 +113,7 @@ class World:
 
 
 def play(episode: Episode, planner: Planner, seed: int) -> Record:
-    """Return what happened in an episode; it ends at the first contact."""
+    """Play an episode, which ends at the first contact, and return its record."""
     world = World(episode)
     planner.reset(seed)
     seen = world.sees()
@@ -141,7 +141,7 @@ def play(episode: Episode, planner: Planner, seed: int) -> Record:
 def grid_of(episode: Episode) -> Grid:
     """Return the grid of an episode.
 
-    As in Follow-Bench, people heed the blocked cells of a square at the origin alone.
+    As in Follow-Bench, people avoid blocked cells only within a square at the origin.
     """
     grid = Grid(_obstacles(episode), (0.0, 0.0), episode.size, episode.inflation_cells)
     side = min(grid.heeded.shape)

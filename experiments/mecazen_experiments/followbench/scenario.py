@@ -15,16 +15,17 @@ from mecazen_experiments.followbench import unicycle
 from mecazen_experiments.followbench.episodes import Episode, Walk
 
 WALL_M = 2.0
-"""Height of the boxes [m]; theirs have none."""
+"""Height of the boxes [m]; those of Follow-Bench have no height."""
 LOST_AFTER_S = 4.0
-"""As in other scenarios with people between robot and person."""
+"""Follower setting, as in other scenarios with people between robot and person [s]."""
 
 
 def tables_of(episode: Episode, seed: int) -> dict[str, Any]:
-    """Return the tables of the scenario: the nexus robot in the middle of their robot's outline.
+    """Return the tables of the scenario; the nexus robot is at the original outline's centre.
 
-    It looks at the target, since its camera does not see all around. Beside the target it stays on
-    the side of its start. People have their way, speed and manners, and a body that walks.
+    The robot faces the target at the start, since its camera does not see all around. Beside the
+    target it remains on the side of its start. People have the paths, speed and manners of the
+    episode, and a walking body.
     """
     robot, target = episode.robot.compose(Pose2D(unicycle.CENTRE)), episode.target.start
     yaw = math.atan2(target.y - robot.y, target.x - robot.x)
@@ -68,7 +69,7 @@ def scenario_of(episode: Episode, seed: int) -> Scenario:
 
 
 def _view(episode: Episode) -> str:
-    """Return the view of a place: beside the target it is that of the nearer side."""
+    """Return the view for the episode's place; beside the target it is that of the nearer side."""
     if episode.place == "back":
         return "back"
     start, (x, y) = episode.target.start, episode.target.goals[0]

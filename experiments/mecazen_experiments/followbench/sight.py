@@ -1,7 +1,7 @@
-"""The lidar of Follow-Bench, and which people its robot sees.
+"""The lidar of Follow-Bench, and the visibility of people for its robot.
 
-A map of known cells about the robot decides what is visible. A scan draws only the part of the map
-that its beams span, so parts of older scans remain: this module reproduces that.
+A map of known cells around the robot determines visibility. A scan redraws only the part of the map
+that its beams span, so parts of older scans remain; this module reproduces that behaviour.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from mecazen_experiments.followbench.unicycle import PERSON_RADIUS
 BEAMS, RANGE = 200, 5.0
 """Beams over 360°, and their length [m]."""
 APART = 2.0 * math.pi / (BEAMS - 1)
-"""Angle between two beams [rad]: the first and the last one point backwards."""
+"""Angle between two beams [rad]: the first and the last beam point backwards."""
 ANGLES: Floats = np.arange(BEAMS, dtype=np.float64) * APART - math.pi
-"""Angle of each beam to the robot's heading [rad], counter-clockwise."""
+"""Angle of each beam from the robot's heading [rad], counter-clockwise."""
 DIRECTIONS: Floats = np.stack((np.cos(ANGLES), np.sin(ANGLES)))
 PER_M = 10
-"""Cells per metre of the map of what is known."""
+"""Cells per metre of the map of known cells."""
 HALF_M = 6
 """Half the side of that map [m]."""
 MARGIN = 1.0
-"""Part of the map about the ends of the beams that a scan draws again [m]."""
+"""Margin around the ends of the beams in which a scan redraws the map [m]."""
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
 
 def scan(pose: Pose2D, discs: Floats, boxes: Floats) -> Floats:
-    """Return the length (200) [m] of each beam from a pose, 5 m where it meets nothing.
+    """Return the length (200) [m] of each beam from a pose; 5 m if a beam hits nothing.
 
     Args:
-        pose: The lidar in the world.
+        pose: Pose of the lidar in the world.
         discs: Centres (n, 2) of people [m].
         boxes: Centre x, y [m], yaw [rad], length and width [m] of each box (n, 5).
     """
@@ -56,7 +56,7 @@ def scan(pose: Pose2D, discs: Floats, boxes: Floats) -> Floats:
 
 
 def _to_discs(centres: Floats) -> Floats:
-    """Return the distance (200) [m] along each beam to the nearest disc, ∞ where none is."""
+    """Return the distance (200) [m] along each beam to the nearest disc; ∞ if there is none."""
     c, s = DIRECTIONS[:, :, None]
     along = c * centres[:, 0] + s * centres[:, 1]
     across = c * centres[:, 1] - s * centres[:, 0]
@@ -69,9 +69,9 @@ def _to_discs(centres: Floats) -> Floats:
 
 
 def _to_boxes(pose: Pose2D, boxes: Floats) -> Floats:
-    """Return the distance (200) [m] along each beam to the nearest box, ∞ where none is.
+    """Return the distance (200) [m] along each beam to the nearest box; ∞ if there is none.
 
-    The slab method, T. Kay and J. Kajiya, SIGGRAPH 1986, in the frame of each box.
+    The method is the slab method, T. Kay and J. Kajiya, SIGGRAPH 1986, in the frame of each box.
     """
     yaw = boxes[:, 2]
     dx, dy = pose.x - boxes[:, 0], pose.y - boxes[:, 1]
@@ -91,10 +91,10 @@ def _to_boxes(pose: Pose2D, boxes: Floats) -> Floats:
 
 
 class KnownArea:
-    """The cells about the robot that are known, in its frame: x by column, y by row.
+    """The known cells around the robot, in the robot's frame: x by column, y by row.
 
-    At first, all within 5 m is known. Each scan draws the part of the map about its ends again;
-    cells outside of it do not change.
+    At first, all cells within 5 m are known. Each scan redraws the part of the map that spans the
+    ends of its beams; cells outside of that part do not change.
     """
 
     def __init__(self) -> None:
@@ -104,7 +104,7 @@ class KnownArea:
         self.update(np.full(BEAMS, RANGE))
 
     def update(self, ranges: Floats) -> None:
-        """Draw the area within the ends of beams (200) [m]."""
+        """Redraw the area within the ends of beams (200) [m]."""
         x, y = ranges * DIRECTIONS
         left, right = round(x.min() - MARGIN), round(x.max() + MARGIN)
         low, high = round(y.min() - MARGIN), round(y.max() + MARGIN)
@@ -121,16 +121,16 @@ class KnownArea:
         ]
         for area in {int(number) for number in inside} - {0}:
             drawn |= areas == area
-        for dr, dc in ((0, 1), (1, 0), (1, 1)):  # an end is two cells thick
+        for dr, dc in ((0, 1), (1, 0), (1, 1)):  # the end of a beam is two cells thick
             drawn[row + dr, column + dc] = True
         top, start = (low + HALF_M) * PER_M, (left + HALF_M) * PER_M
         self.cells[top : top + len(drawn), start : start + drawn.shape[1]] = drawn
         self._sums[1:, 1:] = self.cells.cumsum(axis=0, dtype=np.int64).cumsum(axis=1)
 
     def sees(self, pose: Pose2D, people: Floats) -> Bools:
-        """Return who (n) of the people at (n, 2) is seen from a pose.
+        """Return which of the people at (n, 2) are visible from a pose (n).
 
-        A person is seen within 5.3 m if any cell of the square about their disc is known.
+        A person is visible within 5.3 m if any cell of the square around their disc is known.
         """
         at = between(pose, people)
         low = np.rint((at - PERSON_RADIUS) * PER_M + HALF_M * PER_M).astype(np.int64)
@@ -146,7 +146,7 @@ class KnownArea:
 
 
 def _outline(row: Ints, column: Ints) -> tuple[Ints, Ints]:
-    """Return the cells of the closed polygon through given ones.
+    """Return the cells of the closed polygon through the given cells.
 
     J. E. Bresenham, Algorithm for computer control of a digital plotter, IBM Systems Journal
     4, 1965; every line is drawn from its smaller to its larger main coordinate.

@@ -16,9 +16,9 @@ MAX_V, MAX_W = 2.0, math.pi
 ACCELERATION_V, ACCELERATION_W = 2.0, math.pi
 """Maximum acceleration away from rest [m/s²], [rad/s²]; a moving robot brakes much harder."""
 BRAKING = 50.0
-"""Deceleration by acceleration."""
+"""Ratio of deceleration to acceleration."""
 CENTRE, HALF = 0.25, (0.35, 0.275)
-"""Centre of the outline ahead of the axle, half its length and width [m]: 0.70 x 0.55."""
+"""Centre of the outline ahead of the axle, and half its length and width [m]: 0.70 x 0.55."""
 PERSON_RADIUS = 0.3
 """Radius of the disc of a person [m]."""
 
@@ -33,7 +33,7 @@ class Unicycle(NamedTuple):
     def step(self, v: float, w: float, dt: float, size: tuple[float, float]) -> Unicycle:
         """Return the state after a step of `dt` [s] on a map of `size` (width, height) [m].
 
-        Euler's method: the robot moves along the heading before the step. A step that would
+        As in Euler's method, the robot moves along the heading before the step. A step that would
         leave the map by a cell stops the robot.
         """
         v = _limit(v, self.v, MAX_V, ACCELERATION_V * dt)
@@ -49,7 +49,7 @@ def touches(pose: Pose2D, discs: Floats, boxes: Floats) -> bool:
     """Return whether the outline at a pose touches a person or a box.
 
     Args:
-        pose: The rear axle in the world.
+        pose: Pose of the rear axle in the world.
         discs: Centres (n, 2) of people [m].
         boxes: Centre x, y [m], yaw [rad], length and width [m] of each box (n, 5).
     """
@@ -64,10 +64,10 @@ def gaps(pose: Pose2D, discs: Floats) -> Floats:
 
 
 def _limit(wanted: float, now: float, most: float, gain: float) -> float:
-    """Return the value next to `wanted` that the limits of a step allow.
+    """Return the value nearest to `wanted` that the limits of a step allow.
 
-    A moving robot changes by at most `gain` away from zero, by 50 times that towards zero and
-    beyond; from rest any value is allowed at once.
+    While the robot moves, the value changes by at most `gain` away from zero, and by 50 times that
+    towards and beyond zero. From rest any value is allowed at once.
     """
     low = now - (BRAKING if now > 0.0 else 1.0) * gain if now else -most
     high = now + (BRAKING if now < 0.0 else 1.0) * gain if now else most
@@ -75,9 +75,10 @@ def _limit(wanted: float, now: float, most: float, gain: float) -> float:
 
 
 def _touches_box(pose: Pose2D, boxes: Floats) -> bool:
-    """Return whether no edge of the outline or of a box separates the two.
+    """Return whether the outline touches a box: no edge separates the two.
 
-    The separating axis theorem for rectangles, S. Gottschalk et al., OBBTree, SIGGRAPH 1996.
+    The test is the separating axis theorem for rectangles, S. Gottschalk et al., OBBTree, SIGGRAPH
+    1996.
     """
     centre = pose.compose(Pose2D(CENTRE))
     dx, dy = boxes[:, 0] - centre.x, boxes[:, 1] - centre.y

@@ -8,7 +8,7 @@ from mecazen.geometry import Pose2D
 from mecazen.portable import Floats
 
 Place = Literal["back", "left_side"]
-"""Where the robot shall be: behind the target, or beside it, left or right."""
+"""Place of the robot: behind the target, or beside it, on either side."""
 
 
 class Seen(NamedTuple):
@@ -31,12 +31,12 @@ class View(NamedTuple):
     w: float
     """Current yaw rate [rad/s]."""
     target: Seen | None
-    """None while the target is out of sight."""
+    """The target; None while it is out of sight."""
     people: tuple[Seen, ...]
     """The visible people besides the target."""
     ranges: Floats
-    """Distances (200) [m] from the axle, counter-clockwise from -180° to 180° to the robot's
-    heading; 5 m where a beam meets nothing."""
+    """Distances (200) [m] from the axle, counter-clockwise from -180° to 180° relative to the
+    robot's heading; 5 m if a beam hits nothing."""
     place: Place
     distance: float
     """Distance to keep from the target [m]."""
@@ -46,7 +46,7 @@ class Planner(Protocol):
     """A follower: one command per step."""
 
     def reset(self, seed: int) -> None:
-        """Forget the last episode, and seed what is drawn at random."""
+        """Forget the last episode, and seed random numbers."""
 
     def command(self, view: View) -> tuple[float, float]:
         """Return speed [m/s] and yaw rate [rad/s] for the next step."""

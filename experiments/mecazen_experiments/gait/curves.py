@@ -1,4 +1,4 @@
-"""Sagittal angles over the gait cycle, and how far they are from those of healthy adults."""
+"""Sagittal angles over the gait cycle, and their deviation from those of healthy adults."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mecazen_experiments.gait.stages import Stage
 from mecazen_experiments.table import Floats
 
 PERCENT = np.arange(101.0)
-"""Points of the gait cycle [%]; a curve has a value at each."""
+"""Points of the gait cycle [%] at which curves have values."""
 JOINTS = ("hip", "knee", "ankle")
 NORM_FILE = Path(__file__).with_name("fukuchi.toml")
 NORM_NOTICE = (
@@ -45,7 +45,7 @@ class NormAtSpeed(msgspec.Struct, frozen=True):
 
 
 class NormCurves(msgspec.Struct, frozen=True):
-    """Angles of healthy adults at some percents of the gait cycle, by joint."""
+    """Angles of healthy adults at some points of the gait cycle [%], by joint."""
 
     speed_m_s: float
     percent: tuple[float, ...]
@@ -60,7 +60,7 @@ class NormCurves(msgspec.Struct, frozen=True):
 
 
 class Norm(msgspec.Struct, frozen=True):
-    """Healthy adults."""
+    """Parameters and curves of healthy adults."""
 
     speeds: tuple[NormAtSpeed, ...]
     curves: NormCurves
@@ -81,7 +81,7 @@ class Curve(NamedTuple):
 
     mean: Floats
     sd: Floats
-    """From stride to stride; 0 for a single one."""
+    """Standard deviation between strides; 0 for a single stride."""
     strides: int
 
 
@@ -118,7 +118,7 @@ class Variables(msgspec.Struct, frozen=True):
 
     @property
     def sagittal_gps(self) -> float:
-        """The sagittal GPS (3 of 9 variables): other than the GPS, which needs all nine."""
+        """The sagittal GPS (3 of 9 variables); it differs from the GPS, which needs all nine."""
         return math.sqrt(fmean(value**2 for value in msgspec.structs.astuple(self)))
 
 

@@ -1,4 +1,4 @@
-"""Foot strikes and foot offs of a walk, by its joints or by its planted feet."""
+"""Foot strikes and foot offs of a walk, from the joints or from the planted feet."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from mecazen_experiments.table import Floats
 PROMINENCE = 0.3
 """Prominence of an event's extremum, in standard deviations of its signal."""
 STEADY_STRIDES = 2.5
-"""Cut-off of the joints in which events are found, in stride frequencies."""
+"""Cut-off of the low-pass on joints for finding events, as a multiple of the stride frequency."""
 DOUBT = 0.25
-"""Strides that differ by a larger share from the median of their side are doubtful."""
+"""Relative difference of a stride's time from the median of its side above which it is doubtful."""
 CONTACT_M = 0.001
-"""Height of a true foot's lowest point below which the foot touches the floor [m]."""
+"""Height of the lowest point of a true foot below which the foot touches the floor [m]."""
 BALLS = tuple(INDEX[f"{side}_foot"] for side in SIDES)
 
 
 STRIKE_EARLY_S, OFF_LATE_S = 0.021, 0.030
 """Mean times by which `zeni` finds strikes too early and offs too late.
 
-They are those of `mecazen experiment run gait_events`, whose walks no other experiment scores.
+The values are from `mecazen experiment run gait_events`, whose walks no other experiment scores.
 """
 
 
@@ -45,12 +45,12 @@ class Events(NamedTuple):
         return Events(strikes, offs)
 
     def each(self, of: Callable[[Floats], Floats]) -> Events:
-        """Return what `of` returns of the times of each kind of event."""
+        """Return the events with `of` applied to the times of each kind."""
         (a, b), (c, d) = self
         return Events((of(a), of(b)), (of(c), of(d)))
 
     def less(self, others: Events) -> tuple[float, float]:
-        """Return how much later strikes and offs are than the nearest of others, in the mean [s].
+        """Return the mean delays of strikes and of offs after the nearest events of others [s].
 
         Events that are more than 0.2 s from any other count as missed.
         """
@@ -62,10 +62,10 @@ class Events(NamedTuple):
 
 
 class Cycle(NamedTuple):
-    """The events of one stride [s], in the order in which a walker has them."""
+    """The events of one stride [s], in the order of a normal walk."""
 
     side: int
-    """0 is left, 1 is right."""
+    """Side of the foot: 0 is left, 1 is right."""
     strike: float
     opposite_off: float
     opposite_strike: float
@@ -82,8 +82,8 @@ def zeni(t: Floats, walk: WalkOnPath) -> Events:
     strikes when it is farthest ahead of the pelvis, and the toes leave the floor when they are
     farthest behind it. Extrema are refined by a parabola through three samples.
 
-    Noise moves an extremum. So it is found in joints that are low-passed far below those of a gait,
-    and then moved by the mean time from it to the extremum of the joints themselves.
+    Noise shifts an extremum. So extrema are found in joints with a very low cut-off, and then
+    shifted by their mean time difference from the extrema of the given joints.
     """
     rate_hz = 1.0 / float(np.mean(np.diff(t)))
     frequency = stride_frequency(walk, rate_hz)
@@ -103,9 +103,9 @@ def zeni(t: Floats, walk: WalkOnPath) -> Events:
 
 
 def planted(t: Floats, joints: Floats) -> Events:
-    """Return the events of true joints (n, 20, 3), by their planted feet.
+    """Return the events of true joints (n, 20, 3), from the planted feet.
 
-    A foot is down from when its lowest point comes to the floor until it leaves it.
+    A strike is when the lowest point of a foot reaches the floor, an off when it leaves the floor.
     """
     strikes, offs = [], []
     for heel, ball in zip(HEELS, BALLS, strict=True):
@@ -119,7 +119,7 @@ def planted(t: Floats, joints: Floats) -> Events:
 
 
 def cycles(events: Events) -> list[Cycle]:
-    """Return all strides with all of their events and none in doubt, the left foot's first."""
+    """Return all strides with complete events and plausible times, the left foot's first."""
     found = []
     for side, other in ((0, 1), (1, 0)):
         usual = np.median(np.diff(events.strikes[side])) if len(events.strikes[side]) > 1 else 0.0
@@ -136,7 +136,7 @@ def cycles(events: Events) -> list[Cycle]:
 
 
 def _differences(times: Floats, others: Floats) -> Floats:
-    """Return each time less the nearest other one, where it is less than 0.2 s."""
+    """Return the difference of each time from the nearest other time, if below 0.2 s."""
     apart = times[:, None] - others
     if not len(others):
         return np.empty(0)
@@ -151,7 +151,7 @@ def _only(times: Floats, low: float, high: float) -> float | None:
 
 
 def _peaks(t: Floats, values: Floats, distance: float) -> Floats:
-    """Return when values are largest, at least `distance` samples apart."""
+    """Return the times of the peaks of values, at least `distance` samples apart."""
     found: npt.NDArray[np.int64]
     found, _ = find_peaks(values, distance=max(distance, 1.0), prominence=PROMINENCE * values.std())
     before, at, after = values[found - 1], values[found], values[found + 1]

@@ -1,4 +1,4 @@
-"""Writes a walk into files that gait laboratories open."""
+"""Exports a walk to file formats of gait laboratories."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from mecazen_experiments.gait.stages import Stage
 
 
 def export(folder: Path, stages: Mapping[str, Stage], about: Mapping[str, Any]) -> list[Path]:
-    """Write a walk into a folder, which is made if there is none; return the files.
+    """Write a walk into a folder, which is created if needed; return the files.
 
-    For each stage these are markers (.trc), joint angles (.mot), and markers with events (.c3d).
+    The files of each stage are markers (.trc), joint angles (.mot), and markers with events (.c3d).
     `strides.csv` has a row for each stride, `curves.csv` angles at 101 points, and `summary.json`
     all parameters.
 
     Args:
         folder: Where to write.
         stages: As `seen_stages` and `true_stage` return them, by their names.
-        about: What is known of the walk and of the view, for the summary.
+        about: Information on the walk and the view, for the summary.
 
     Raises:
         MecazenError: A file can't be written.

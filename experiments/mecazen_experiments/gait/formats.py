@@ -15,11 +15,12 @@ from mecazen_experiments.gait.events import Events
 from mecazen_experiments.table import Floats
 
 NAMES = {"pelvis": "Hip", "spine": "Spine", "neck": "Neck", "head": "Head", "foot": "Ball"}
-"""Names of joints other than in Pose2Sim's HALPE_26, which has toes but no balls, and no spine."""
+"""Names of joints that differ from Pose2Sim's HALPE_26, which has toes but no balls, and no
+spine."""
 BLOCK = 512
 INTEL = 84
 PARAMETER_BLOCK = 2
-"""The block of a C3D file at which its parameters begin, from 1."""
+"""The block of a C3D file at which its parameters begin, counted from 1."""
 OPENSIM = {"hip": "hip_flexion", "knee": "knee_angle", "ankle": "ankle_angle"}
 
 
@@ -33,13 +34,13 @@ MARKERS = tuple(marker(joint) for joint in JOINTS)
 
 
 def y_up(joints: Floats) -> Floats:
-    """Return points (..., 3) of a frame with z up in one with y up and the same x."""
+    """Transform points (..., 3) from a frame with z up to a frame with y up and the same x."""
     x, y, z = np.moveaxis(joints, -1, 0)
     return np.stack((x, z, -y), axis=-1)
 
 
 def trc(name: str, t: Floats, joints: Floats) -> bytes:
-    """Return joints (n, 20, 3) [m] at times t (n,) [s], y up; missing ones are `nan`."""
+    """Return a TRC file of joints (n, 20, 3) [m] at times t (n,) [s], y up; missing: `nan`."""
     rate, n = f"{1.0 / float(np.mean(np.diff(t))):.2f}", len(MARKERS)
     keys = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame"
     lines = [
@@ -57,7 +58,7 @@ def trc(name: str, t: Floats, joints: Floats) -> bytes:
 
 
 def mot(t: Floats, joints: Floats, angles: Floats) -> bytes:
-    """Return pelvis and sagittal angles (n, 6) [deg] by the names of OpenSim's coordinates."""
+    """Return a MOT file of pelvis and sagittal angles (n, 6) [deg], with OpenSim's names."""
     columns = {
         **{f"pelvis_{axis}": y_up(joints[:, 0])[:, i] for i, axis in enumerate(("tx", "ty", "tz"))},
         **dict(
@@ -102,7 +103,7 @@ def _pelvis(joints: Floats) -> Floats:
 def c3d(t: Floats, joints: Floats, events: Events | None) -> bytes:
     """Return joints (n, 20, 3) [m] and events as C3D: z up, in mm, missing points with residual -1.
 
-    The first frame is at time 0, so events are relative to it.
+    The first frame is at time 0, so the times of events are relative to this frame.
     """
     n, rate = len(t), 1.0 / float(np.mean(np.diff(t)))
     found = sorted(
@@ -164,7 +165,7 @@ def c3d(t: Floats, joints: Floats, events: Events | None) -> bytes:
 
 
 def _section(groups: dict[str, dict[str, bytes]], start: int, blocks: int) -> bytes:
-    """Return the section of parameters; `start` is the block at which data begin."""
+    """Return the section of parameters; `start` is the first block of the data."""
     records = []
     for number, (group, parameters) in enumerate(groups.items(), start=1):
         records.append((group, -number, b""))
@@ -173,7 +174,7 @@ def _section(groups: dict[str, dict[str, bytes]], start: int, blocks: int) -> by
             records.append((name, number, content))
     section = bytes((1, 0x50, blocks, INTEL))
     for name, number, content in records:
-        # the offset is from itself to the next record; a description of length 0 ends one
+        # the offset counts from itself to the next record; a description of length 0 ends a record
         offset = 2 + len(content) + 1
         section += struct.pack("<bb", len(name), number) + name.encode()
         section += struct.pack("<H", offset) + content + b"\0"

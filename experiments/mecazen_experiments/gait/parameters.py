@@ -17,15 +17,15 @@ from mecazen_experiments.table import Floats
 
 ANKLES = tuple(INDEX[f"{side}_ankle"] for side in SIDES)
 MID_STANCE = 0.4, 0.6
-"""Part of the stance over which a standing foot has its place."""
+"""Part of the stance over which the position of a standing foot is averaged."""
 MID_SWING = 0.25, 0.75
-"""Part of the swing in which the ball of the foot may be lowest."""
+"""Part of the swing in which the minimum height of the ball of the foot is searched."""
 
 
 class Stride(msgspec.Struct, frozen=True):
-    """A stride: from a strike of a foot to its next one. Other times are those of its events.
+    """A stride: from a strike of a foot to the next strike of the same foot.
 
-    Forward is along the way of the pelvis over the stride, and left is to the left of it.
+    Forward is the displacement of the pelvis over the stride, and left is at right angles to it.
     """
 
     side: str
@@ -36,33 +36,34 @@ class Stride(msgspec.Struct, frozen=True):
     end_s: float
     stride_time_s: float
     stride_length_m: float
-    """From the heel at the first strike to the heel at the second one, forward."""
+    """Forward distance from the heel at the first strike to the heel at the second strike."""
     speed_m_s: float
     """Stride length over stride time."""
     cadence_per_min: float
-    """Steps, of which a stride has two."""
+    """Steps per minute; a stride has two steps."""
     step_time_s: float
-    """From the strike of the other foot to the second strike."""
+    """Time from the strike of the other foot to the second strike."""
     step_length_m: float
-    """Forward distance from the other heel to this one at the second strike."""
+    """Forward distance from the other heel to this heel at the second strike."""
     step_width_m: float | None
-    """Distance to the side between both ankles, each averaged over the middle fifth of its stance;
-    None if the other foot's stance is not known."""
+    """Lateral distance between both ankles, each averaged over the middle fifth of its stance; None
+    if the other foot's stance is not known."""
     stance_percent: float
-    """From strike to off, of the stride."""
+    """Time from strike to off, in % of the stride."""
     swing_percent: float
     double_support_percent: float
-    """Strike to opposite off, and opposite strike to off."""
+    """Times from strike to opposite off, and from opposite strike to off."""
     single_support_percent: float
-    """The other foot's swing: from its off to its strike."""
+    """Swing of the other foot: from its off to its strike."""
     clearance_m: float
-    """Least height of the ball in the middle half of swing, above that in the middle of stance."""
+    """Minimum height of the ball in the middle half of swing, above its height in the middle of
+    stance."""
     seen_percent: float
     """Share of the frames in which knee, ankle, heel and ball of this leg are in view."""
 
 
 class Parameter(NamedTuple):
-    """A parameter of `Stride`, as people read it."""
+    """A parameter of `Stride`, in the form for display."""
 
     title: str
     unit: str
@@ -101,7 +102,7 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class Gait(msgspec.Struct, frozen=True):
-    """Parameters of a walk, of each side by their names in `PARAMETERS`."""
+    """Parameters of a walk, by side and by their names in `PARAMETERS`."""
 
     left: dict[str, Spread]
     right: dict[str, Spread]
@@ -111,15 +112,15 @@ class Gait(msgspec.Struct, frozen=True):
         return (self.left[name].mean + self.right[name].mean) / 2.0
 
     def difference(self, name: str) -> float:
-        """Return left less right."""
+        """Return the left mean minus the right mean."""
         return self.left[name].mean - self.right[name].mean
 
     def asymmetry_percent(self, name: str) -> float:
-        """Return left less right over their mean; 0 if both are 0."""
+        """Return the difference left minus right over the mean of both [%]; 0 if both are 0."""
         return 1e2 * self.difference(name) / (self.mean(name) or math.inf)
 
     def sd(self, name: str) -> float | None:
-        """Return the standard deviation from stride to stride, of both sides."""
+        """Return the standard deviation between strides, combined over both sides."""
         both = self.left[name].sd, self.right[name].sd
         return None if None in both else math.hypot(*both) / math.sqrt(2.0)  # type: ignore[arg-type]
 
@@ -129,15 +130,15 @@ def strides(t: Floats, joints: Floats, events: Events, seen: Floats | None = Non
 
     Args:
         t: Times (n,) [s], at a constant rate.
-        joints: Joints (n, 20, 3) [m] in a level frame; NaN nowhere.
-        events: Strikes and offs; strides with a missing one are left out.
-        seen: Whether each leg is seen (n, 2); None if all of it is.
+        joints: Joints (n, 20, 3) [m] in a level frame, without NaN.
+        events: Strikes and offs; strides with a missing event are left out.
+        seen: Whether each leg is seen (n, 2); None if both are always seen.
     """
     found = cycles(events)
     places = _interpolation(t, joints)
 
     def standing(cycle: Cycle) -> Floats:
-        """Return the mean place of a foot's ankle and ball (2, 3) in the middle of its stance."""
+        """Return the mean position of a foot's ankle and ball (2, 3) in mid-stance."""
         places_of_all = places(*_part(cycle.strike, cycle.off, MID_STANCE))
         place: Floats = places_of_all[:, [ANKLES[cycle.side], BALLS[cycle.side]]].mean(axis=0)
         return place
@@ -182,7 +183,7 @@ def strides(t: Floats, joints: Floats, events: Events, seen: Floats | None = Non
 
 
 def summary(found: Iterable[Stride]) -> Gait | None:
-    """Return means and deviations over strides; None without one of each side."""
+    """Return means and deviations over strides; None without strides of both sides."""
     by_side: dict[str, list[Stride]] = {side: [] for side in SIDES}
     for stride in found:
         by_side[stride.side].append(stride)
@@ -203,7 +204,7 @@ def _spreads(found: Sequence[Stride]) -> dict[str, Spread]:
 
 
 def _part(begin: float, end: float, part: tuple[float, float]) -> tuple[float, float, int]:
-    """Return begin and end of a part of an interval, and a number of samples in it."""
+    """Return begin and end of a part of an interval, and the number of samples in it."""
     return begin + part[0] * (end - begin), begin + part[1] * (end - begin), 21
 
 

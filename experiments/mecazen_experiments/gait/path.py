@@ -1,7 +1,7 @@
-"""The path of a walker, and their joints about it.
+"""The path of a walker, and the walker's joints relative to it.
 
-Forward and left are the walker's, who walks steadily and without sharp turns; the frame of the
-joints is level, with the floor at z = 0.
+Forward and left are relative to the walker, who walks steadily and without sharp turns. The frame
+of the joints is level, with the floor at z = 0.
 """
 
 from __future__ import annotations
@@ -15,41 +15,41 @@ from scipy.signal import butter, sosfiltfilt
 from mecazen_experiments.table import Floats
 
 MIN_SPEED_M_S = 0.1
-"""A slower person does not walk."""
+"""Minimum speed of a walk."""
 PATH_HZ = 0.3
-"""Cut-off of the path about which a body sways and its speed pulses, once a step."""
+"""Cut-off of the path, which removes sway and the pulsation of the speed in each step."""
 STRIDE_HZ = 0.3, 1.6
-"""Frequencies of strides, from a shuffle's to a fast walk's."""
+"""Range of stride frequencies, from a shuffle to a fast walk."""
 HEELS = tuple(INDEX[f"{side}_heel"] for side in SIDES)
 LATERAL = [(INDEX[f"left_{name}"], INDEX[f"right_{name}"]) for name in ("hip", "shoulder")]
 
 
 class WalkOnPath(NamedTuple):
-    """A walk about the walker's own path."""
+    """A walk relative to the walker's path."""
 
     joints: Floats
-    """Joints (n, 20, 3) [m]: forward and left of where the path is, and up from the floor."""
+    """Joints (n, 20, 3) [m]: forward and left of the path's point, and up from the floor."""
     origin: Floats
     """The path (n, 2) [m]."""
     forward: Floats
-    """Its direction (n, 2), of length 1."""
+    """Direction of the path (n, 2), of length 1."""
     speed: float
-    """Mean along the path [m/s]."""
+    """Mean speed along the path [m/s]."""
 
     def about(self, joints: Floats) -> Floats:
-        """Return joints (n, 20, 3) in the frame of the path about it."""
+        """Transform joints (n, 20, 3) from the level frame to coordinates relative to the path."""
         moved = joints[..., :2] - self.origin[:, None]
         return np.stack((*_turned(moved, self.forward, -1.0), joints[..., 2]), axis=-1)
 
     def placed(self, joints: Floats) -> Floats:
-        """Return joints about the path in the frame of the path."""
+        """Transform joints from coordinates relative to the path to the level frame."""
         return np.stack((*_turned(joints, self.forward, 1.0, self.origin), joints[..., 2]), axis=-1)
 
 
 def lowpass(values: Floats, rate_hz: float, cutoff_hz: float) -> Floats:
-    """Return columns of values (n, ...) through a second-order Butterworth, forth and back.
+    """Filter columns of values (n, ...) with a second-order Butterworth, forwards and backwards.
 
-    It has no lag. n is at least 10.
+    The filter has no lag. n must be at least 10.
     """
     sections = butter(2, min(cutoff_hz / (rate_hz / 2.0), 0.99), output="sos")
     padding = min(len(values) - 1, round(rate_hz / cutoff_hz))
@@ -65,10 +65,10 @@ def leftward(joints: Floats) -> Floats:
 
 
 def about_path(joints: Floats, rate_hz: float) -> WalkOnPath | None:
-    """Return the joints (n, 20, 3) of a walk about its path; None for who does not walk.
+    """Return a walk of joints (n, 20, 3) relative to its path; None if the person does not walk.
 
-    The path is the pelvis's, low-passed; its direction is that of the walk, or against it for
-    who walks backwards by the median line from right to left.
+    The path is the low-passed path of the pelvis. Its direction is that of the motion, or the
+    opposite if the person walks backwards, judged by the lines from right to left.
     """
     origin = lowpass(joints[:, 0, :2], rate_hz, PATH_HZ)
     velocity = np.gradient(origin, axis=0) * rate_hz
@@ -84,7 +84,7 @@ def about_path(joints: Floats, rate_hz: float) -> WalkOnPath | None:
 
 
 def stride_frequency(walk: WalkOnPath, rate_hz: float) -> float:
-    """Return the strides a second: the strongest frequency of left less right foot, forward."""
+    """Return the strides per second: the strongest frequency of the forward foot distance."""
     apart = walk.joints[:, HEELS[0], 0] - walk.joints[:, HEELS[1], 0]
     size = 16 * len(apart)
     power = abs(np.fft.rfft((apart - apart.mean()) * np.hanning(len(apart)), size))

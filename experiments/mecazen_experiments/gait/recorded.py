@@ -1,4 +1,4 @@
-"""The walk of a recording: what the body tracker saw, where from, and the truth if it is there."""
+"""The walk of a recording: reported joints, view, and the truth if it was recorded."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from mecazen_experiments.table import Poses
 WALKS_M_S = 0.25
 """Speed along the path above which a person walks."""
 BEGIN_S, END_S = 1.5, 0.5
-"""Times left out at the begin and end of a walk, while the speed changes [s]."""
+"""Times left out at the beginning and end of a walk, while the speed changes [s]."""
 VIEWS = ("front", "front left", "left", "back left", "back", "back right", "right", "front right")
 
 
@@ -35,9 +35,9 @@ class RecordedWalk(NamedTuple):
     run: int
     seed: int
     bearing_deg: float
-    """Direction to the robot from straight ahead of the person; positive to the left."""
+    """Direction to the robot, relative to straight ahead of the person; positive to the left."""
     distance_m: float
-    """From the pelvis to the robot, in the mean."""
+    """Mean distance from the pelvis to the robot."""
     seen_percent: dict[str, float]
     """Share of the frames in which each joint is in view and not hidden."""
     reported_percent: float
@@ -53,7 +53,7 @@ def read_walk(recording: Recording, run: int | None, robot: str = "") -> Recorde
     """Return the longest walk of a run, by default of the last one.
 
     Raises:
-        RecordingError: There is no such run, or what the robot saw was not recorded.
+        RecordingError: There is no such run, or the data of the body tracker was not recorded.
     """
     topics = {topic.key: topic for topic in (ODOM, SKELETONS, TARGET_SKELETON)}
     runs: dict[int, tuple[int, dict[str, list[Message]]]] = {}
@@ -107,7 +107,7 @@ def read_walk(recording: Recording, run: int | None, robot: str = "") -> Recorde
 
 
 def _walked(seen: Motion) -> npt.NDArray[np.int64] | None:
-    """Return the frames of the longest walk; None without 3 s of one."""
+    """Return the frames of the longest walk; None if it is shorter than 3 s."""
     joints = smooth(seen)
     if joints is None:
         return None

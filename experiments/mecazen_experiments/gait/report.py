@@ -19,13 +19,13 @@ from mecazen_experiments.gait.parameters import PARAMETERS, Gait, Parameter
 from mecazen_experiments.gait.recorded import RecordedWalk
 
 HIDDEN_PERCENT = 90.0
-"""Joints that are seen in a smaller share of the frames are named."""
+"""Joints that are seen in a smaller share of the frames are listed."""
 FAR = 2.0
-"""Values that are farther from the norm than so many standard deviations have a star."""
+"""Number of standard deviations from the norm beyond which values are marked with a star."""
 
 
 def report(walk: RecordedWalk, title: str) -> Iterator[RenderableType]:
-    """Return what `mecazen gait` prints."""
+    """Yield the output of `mecazen gait`."""
     yield f"[b]{title}, run {walk.run}, seed {walk.seed}[/]"
     yield (
         f"Seen from: {walk.view} ({walk.bearing_deg:.0f}° from straight ahead), "
@@ -52,7 +52,7 @@ def report(walk: RecordedWalk, title: str) -> Iterator[RenderableType]:
 
 
 def _parameters(walk: RecordedWalk, gait: Gait) -> Table:
-    """Return the parameters of refined joints, with the deviations of filtered ones."""
+    """Return the parameters of refined joints, with the deviations of filtered joints."""
     at = norm().nearest(gait.mean("speed_m_s"))
     table = Table("", "left", "right", "asymmetry", "SD", title="Parameters")
     filtered = walk.stages["filtered"].gait

@@ -1,7 +1,7 @@
-"""How the strides of a walk differ in time: when the walker is where in the mean gait cycle.
+"""The rhythm of a walk: the timing of the strides relative to the mean gait cycle.
 
-An event shows in a few frames, a stride in all of them: its time is the one with which the mean
-cycle fits the joints of both legs best.
+An event is visible in a few frames, a stride in all of them. So the timing of a stride is found by
+fitting the mean cycle to the joints of both legs.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from mecazen_experiments.table import Floats
 
 LEGS = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("knee", "ankle", "heel", "foot")]
 SAGITTAL = [0, 2]
-"""Forward and up: to the left, legs hardly move."""
+"""Forward and up; legs hardly move sideways."""
 STEP_STD = 0.1
-"""A priori deviation of the time of half a stride, as a share: several times that of walkers."""
+"""Prior relative deviation of the time of half a stride: several times that of real walkers."""
 SHORTEST = 0.5
-"""Share of its mean time that half a stride takes at least."""
+"""Minimum time of half a stride, as a share of its mean time."""
 OUTLIER = 3.0
-"""Errors of more standard deviations weigh less."""
+"""Number of standard deviations beyond which errors have less weight."""
 ITERATIONS = 10
 
 
 class Rhythm(NamedTuple):
-    """The time of the walker against an even one, linear between both ends of each half stride."""
+    """The walker's time as a function of an even time, linear within each half stride."""
 
     even: Floats
-    """Times (n,) [s] that are half a stride's mean time apart."""
+    """Even times (n,) [s], spaced by the mean time of half a stride."""
     own: Floats
-    """When the walker is where an even one is then (n,) [s]."""
+    """Times (n,) [s] at which the walker reaches the phases of the even times."""
 
     def regular(self, times: Floats) -> Floats:
-        """Return the times of an event of each stride, all at its mean place in the cycle.
+        """Return the times of an event in each stride, all at the event's mean phase.
 
-        They begin with the first and end with the last of the `times` at which it was found.
+        The result spans the first to the last of the measured `times`.
         """
         if not len(times):
             return times
@@ -56,7 +56,8 @@ class Rhythm(NamedTuple):
 def rhythm(seen: Motion, walk: WalkOnPath) -> Rhythm:
     """Return the rhythm of a walk; `walk` are the low-passed joints about the walker's path.
 
-    It is the most probable one, by iterated linear least squares with the reported deviations.
+    The result is the most probable rhythm, by iterated linear least squares with the reported
+    deviations.
     """
     seen = unswapped(seen)
     stride, series = cycle(seen, walk)
@@ -80,7 +81,7 @@ def rhythm(seen: Motion, walk: WalkOnPath) -> Rhythm:
         n = np.clip(np.searchsorted(own, t, side="right") - 1, 0, len(own) - 2)
         length = own[n + 1] - own[n]
         part = (t - own[n]) / length
-        # how much less of the cycle is over at each time if a knot is later
+        # derivative: decrease of the elapsed cycle at each time if a knot is later
         less = np.zeros((len(t), len(own)))
         less[np.arange(len(t)), n] = (1.0 - part) * half / length
         less[np.arange(len(t)), n + 1] = part * half / length

@@ -25,9 +25,10 @@ class Stage(NamedTuple):
     t: Floats
     """Times (n,) [s], at a constant rate."""
     joints: Floats
-    """Joints (n, 20, 3) [m] in a level frame; raw ones are NaN where no body was reported."""
+    """Joints (n, 20, 3) [m] in a level frame; raw joints are NaN in frames without a reported
+    body."""
     events: Events | None = None
-    """None where none can be found."""
+    """Events; None if none can be found."""
     strides: tuple[Stride, ...] = ()
 
     @property
@@ -44,11 +45,11 @@ def true_stage(truth: Motion) -> Stage:
 
 
 def seen_stages(seen: Motion) -> dict[str, Stage]:
-    """Return what a tracker reported of a walk, by stage; a stage is missing if nothing remains.
+    """Return the stages of a walk from a tracker's reports; a stage is missing if nothing remains.
 
-    `raw` is as reported, with the events of `filtered`: without swaps and gaps, and through a
-    low-pass. `refined` is by `refine`. Events are corrected, and those of `filtered` follow the
-    rhythm of the strides.
+    `raw` has the reported joints, with the events of `filtered`. `filtered` has no swaps and gaps,
+    and is low-passed. `refined` is the result of `refine`. Events are corrected for their mean
+    errors, and those of `filtered` follow the rhythm of the strides.
     """
     found = {"raw": Stage(seen.t, seen.joints)}
     legs_seen = np.stack([(seen.confidence[:, leg] == SEEN).all(axis=1) for leg in LEGS], axis=-1)

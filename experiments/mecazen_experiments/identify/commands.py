@@ -32,7 +32,7 @@ from mecazen_experiments.identify.simulated import identified_robot
 def identify(
     sources: Sequence[Path], format_: str | None, robot: str, columns: Sequence[str], out: Path
 ) -> None:
-    """Identify; print the main results, and write the report."""
+    """Identify a robot; print the main results, and write the report."""
     base = load_table(given_file(robot, "robot"), Robot)
     runs, logs = read(sources, format_, columns)
     files.make_folder(out, "--out")
@@ -54,12 +54,12 @@ def identify(
 
 
 def write_plan(file: Path) -> None:
-    """Write the commands that make all parameters visible."""
+    """Write the excitation, the commands that make all parameters observable."""
     files.write(file, csv(plan(ControllerConfig())).encode(), "--plan")
 
 
 def validate(file: str, folder: Path, out: Path) -> None:
-    """Validate; print the tables, and write them with figures and the identified robot."""
+    """Validate models; print the tables, and write them with figures and the identified robot."""
     config, robot = validation.load(experiment_path(file))
     runs, _ = read([folder], "optiodom")
     files.make_folder(out, "--out")

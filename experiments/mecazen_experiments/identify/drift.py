@@ -1,4 +1,4 @@
-"""Drift of odometry from the reference within a time."""
+"""Drift of odometry from the reference over a time."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from mecazen_experiments.identify.windows import motions
 
 
 def odometry(run: Run, coefficients: Array) -> Array:
-    """Return the reference's poses that a model gives for the turning of the wheels (n, 3).
+    """Return the poses of the reference (n, 3) that a model predicts from the wheels' angles.
 
     Args:
         run: The run.
-        coefficients: J, as the reference moves, and its offset (14,).
+        coefficients: J, in the reference's frame, and the reference's offset (14,).
     """
     steps = np.diff(run.wheels, axis=0) @ coefficients[:12].reshape(3, 4).T
     return shifted(integrated(steps), coefficients[12:])
 
 
 def integrated(steps: Array) -> Array:
-    """Return the poses (n + 1, 3) after steps in the robot's own frame (n, 3), from 0 on."""
+    """Return the poses (n + 1, 3) after steps in the robot's frame (n, 3), starting at 0."""
     yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     middle = (yaw[1:] + yaw[:-1]) / 2.0
     c, s = np.cos(middle), np.sin(middle)
@@ -30,7 +30,7 @@ def integrated(steps: Array) -> Array:
 
 
 def shifted(poses: Array, offset: Array) -> Array:
-    """Return the poses of a point with an offset [m] from the origin of those given (n, 3)."""
+    """Return the poses of a point with an offset [m] in the frame of the given poses (n, 3)."""
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     x = poses[:, 0] + c * offset[0] - s * offset[1]
     y = poses[:, 1] + s * offset[0] + c * offset[1]

@@ -39,7 +39,7 @@ def write(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
 
 
 def lateral_gain(sessions: Sequence[SessionResult]) -> Figure:
-    """Return lateral over forward gain by session beside the gain of wheels with N rollers."""
+    """Return lateral over forward gain by session, beside the gain of wheels with N rollers."""
     with style.context(STYLE):
         figure = Figure(figsize=(2.0 * COLUMN_IN, 0.9 * COLUMN_IN), layout="constrained")
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))

@@ -1,8 +1,8 @@
-"""Maximum likelihood on windows: values with intervals, noise, and what the data leave open.
+"""Maximum likelihood on windows: values with intervals, noise, and undetermined parameters.
 
 Residuals of windows are normal, with one deviation for position and one for yaw in each group of
-runs, which are estimated as well. Windows of a run are not quite independent, so the intervals are
-those of a bootstrap over runs; those of the curvature are given for comparison.
+runs; both are estimated. Windows of a run are not quite independent, so the intervals are from a
+bootstrap over runs. Intervals from the curvature are given for comparison.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mecazen_experiments.identify.runs import Array
 from mecazen_experiments.identify.windows import Moments, total
 
 ROUNDS = 4
-"""Fits, each with the noise that the last one left."""
+"""Number of fits; each uses the noise estimated by the previous fit."""
 RESAMPLED = 200
 SEED = 1
 MAX_CORRELATION = 0.995
@@ -38,9 +38,9 @@ class Estimate:
     value: float
     low: float
     high: float
-    """By resampled runs; NaN with fewer than three runs in a group."""
+    """Interval from resampled runs; NaN with fewer than three runs in a group."""
     curvature: float
-    """Half of the interval by the curvature of the likelihood."""
+    """Half of the interval from the curvature of the likelihood."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def fit(model: Model, runs: Grouped) -> Fit:
 
 
 def estimates(found: Fit, runs: Grouped) -> tuple[dict[str, Estimate], tuple[str, ...]]:
-    """Return the parameters with intervals, and sentences on what the data leave open."""
+    """Return the parameters with intervals, and sentences on undetermined parameters."""
     names = found.model.names(found.groups)
     spread = _covariance(found, {group: total(runs[group]) for group in found.groups})
     drawn = _resampled(found, runs)
@@ -97,7 +97,7 @@ def estimates(found: Fit, runs: Grouped) -> tuple[dict[str, Estimate], tuple[str
 
 
 def _fit(model: Model, sums: Mapping[str, Moments], near: Fit | None = None) -> Fit:
-    """Return the fit to sums of groups; with its noise and close to it if another fit is near."""
+    """Return the fit to sums of groups; with `near`, start there and keep its noise."""
     groups = tuple(sums)
     values = model.begin(groups) if near is None else near.values
     noise = {group: Noise(1e-3, 1e-3) for group in groups} if near is None else near.noise
@@ -121,12 +121,12 @@ def _fit(model: Model, sums: Mapping[str, Moments], near: Fit | None = None) -> 
 def _noise(moments: Moments, coefficients: Array) -> Noise:
     position, yaw = moments.errors(coefficients)
     count = moments.count
-    # never 0: data without noise would have no scale
+    # never 0: residuals of data without noise would have no scale
     return Noise(max(math.sqrt(position / (2 * count)), 1e-9), max(math.sqrt(yaw / count), 1e-9))
 
 
 def _root(moments: Moments, noise: Noise) -> tuple[Array, Array]:
-    """Return A and b such that |A p - b|² is the weighted sum of squares but for a constant."""
+    """Return A and b such that |A p - b|² is the weighted sum of squares up to a constant."""
     weights = noise.position_m**-2, noise.yaw_rad**-2
     product = sum(w * one for w, one in zip(weights, moments.products, strict=True))
     mixed = sum(w * one for w, one in zip(weights, moments.mixed, strict=True))
@@ -143,7 +143,7 @@ def _residuals(model: Model, values: Array, roots: Sequence[tuple[Array, Array]]
 
 
 def _covariance(found: Fit, sums: Mapping[str, Moments]) -> Array:
-    """Return the covariance of the estimates by the curvature of the likelihood."""
+    """Return the covariance of the estimates from the curvature of the likelihood."""
     values = found.values
     if not len(values):
         return np.empty((0, 0))

@@ -1,4 +1,4 @@
-"""Identifies the kinematics of a robot: models, their likelihood, and what the data leave open."""
+"""Identifies the kinematics of a robot: models, their likelihood, and undetermined parameters."""
 
 from __future__ import annotations
 
@@ -35,18 +35,20 @@ from mecazen_experiments.identify.windows import Moments, cut, total
 from mecazen_experiments.statistics import Interval, mean_interval
 
 WINDOW_S = 0.5
-"""Duration of a window: the robot moves far beyond the noise of the reference, and yaw little."""
+"""Duration of a window: long enough for motion far beyond the reference's noise, short enough for
+little yaw."""
 MAX_OFFSET_S = 0.2
-"""Largest offset of the two clocks that is searched for."""
+"""Maximum offset of the two clocks in the search."""
 BLOCK = 20
-"""Windows that are resampled together, as residuals of neighbours are not independent."""
+"""Number of windows that are resampled together, since residuals of neighbours are not
+independent."""
 OFFSET_RUNS = 24
 """Number of runs from which the offset of the clocks is estimated."""
 
 
 @dataclass(frozen=True)
 class ModelResult:
-    """A model: its parameters, and how well it predicts runs that it was not fitted to."""
+    """A model: its parameters, and its likelihood on held-out runs."""
 
     name: str
     parameters: Mapping[str, Estimate]
@@ -54,7 +56,8 @@ class ModelResult:
     held_out: float
     """Mean log-likelihood of a held-out window; NaN with a single run."""
     behind: Interval | None
-    """Log-likelihood per held-out window that the most likely model has more, over sessions."""
+    """Log-likelihood of the most likely model minus that of this model, per held-out window, over
+    sessions."""
     ambiguities: tuple[str, ...]
 
 
@@ -64,14 +67,14 @@ class RollerResult:
 
     count: int
     behind: float
-    """Log-likelihood of all windows that the most likely number has more."""
+    """Log-likelihood of the most likely number minus that of this number, for all windows."""
     chosen: float
     """Share of resamplings of the sessions in which this number is the most likely one."""
 
 
 @dataclass(frozen=True)
 class SessionResult:
-    """A session: lateral over forward gain, and the share of time that its log lacks."""
+    """A session: lateral over forward gain, and the share of time that is missing in its log."""
 
     session: str
     runs: int
@@ -90,7 +93,7 @@ class Identification:
     runs: int
     duration_s: float
     offset_s: Estimate
-    """Time of the reference's clock beyond that of the wheels."""
+    """Offset of the reference's clock ahead of that of the wheels."""
     models: tuple[ModelResult, ...]
     rollers: tuple[RollerResult, ...]
     sessions: tuple[SessionResult, ...]
@@ -114,10 +117,10 @@ class Identification:
 
 
 def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -> Identification:
-    """Return what runs, and logs of its motors, show of a robot.
+    """Identify a robot from runs, and from logs of its motors.
 
     Raises:
-        ConfigError: Columns of the wheels are swapped, or in another unit.
+        ConfigError: Columns of the wheels are swapped, or have a wrong unit.
     """
     nominal = Nominal.of(robot)
     for session in sessions(runs):
@@ -177,7 +180,7 @@ def group(runs: Sequence[Run], moments: Sequence[Moments]) -> Grouped:
 
 
 def clock_offset(nominal: Nominal, runs: Sequence[Run]) -> Estimate:
-    """Return by how much the reference's clock is ahead of that of the wheels."""
+    """Return the offset by which the reference's clock is ahead of that of the wheels."""
     chosen = runs[:: math.ceil(len(runs) / OFFSET_RUNS)]
 
     def cost(offset_s: float) -> float:
@@ -198,7 +201,7 @@ def clock_offset(nominal: Nominal, runs: Sequence[Run]) -> Estimate:
 
 
 def folds(runs: Sequence[Run]) -> list[int]:
-    """Return 0 or 1 for each run: alternating sessions of a group, or its runs if it has one."""
+    """Return 0 or 1 for each run, alternating by session, or by run in groups with one session."""
     result = []
     for run in runs:
         own = [other for other in runs if other.group == run.group]
@@ -211,7 +214,7 @@ def folds(runs: Sequence[Run]) -> list[int]:
 
 
 def held_out(model: Model, runs: Sequence[Run], moments: Sequence[Moments]) -> Array:
-    """Return the log-likelihood of each run under the fit to the other half; NaN without one."""
+    """Return the log-likelihood of each run under the fit to the other half; NaN without a fit."""
     fold = np.array(folds(runs))
     result = np.full(len(runs), math.nan)
     for side in (0, 1):

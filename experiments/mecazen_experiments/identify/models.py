@@ -1,7 +1,7 @@
-"""Kinematic models, from the robot file's to a full matrix.
+"""Kinematic models, from the nominal model of the robot file to a full matrix.
 
-Each is a matrix J (3, 4) that takes the turning of the wheels [rad] to the motion of the robot
-[m, m, rad]. With radius R, lever l and lateral gain g,
+Each model is a matrix J (3, 4) that maps the rotation of the wheels [rad] to the motion of the
+robot [m, m, rad]. With radius R, lever l and lateral gain g,
 
     J = R/4 · [[1, 1, 1, 1], [-g, g, g, -g]/c, [-1, 1, -1, 1]/l],     c = ±cot γ of the rollers.
 
@@ -31,7 +31,7 @@ ROLLER_COUNTS = range(5, 13)
 
 @dataclass(frozen=True)
 class Nominal:
-    """The robot file's values, from which a fit begins."""
+    """The values of the robot file, from which a fit begins."""
 
     radius: float
     lever: float
@@ -50,16 +50,16 @@ class Nominal:
 
 @dataclass(frozen=True)
 class Model:
-    """A model: the names of its parameters and the matrix that they give.
+    """A model: the names of its parameters, and the function from parameters to the matrix.
 
-    Each fitted model also has the `FRAME` of each group of runs.
+    Each fitted model also has the parameters `FRAME` for each group of runs.
     """
 
     name: str
     parameters: tuple[str, ...]
     start: tuple[float, ...]
     matrix: Callable[[Array], Array] = field(repr=False)
-    """From parameters to J (3, 4)."""
+    """Function from parameters to J (3, 4)."""
 
     def names(self, groups: Sequence[str]) -> tuple[str, ...]:
         """Return the names of all free parameters."""
@@ -74,7 +74,7 @@ class Model:
         return np.array([*self.start, *(0.0,) * frames])
 
     def coefficients(self, values: Array, group: int) -> Array:
-        """Return J, as the reference moves, and its offset for a group of runs (14,)."""
+        """Return J in the reference's frame, and the reference's offset, for a group (14,)."""
         count = len(self.parameters)
         j = self.matrix(values[:count])
         turn, x, y = values[count + 3 * group :][:3] if count else (0.0, 0.0, 0.0)
@@ -89,7 +89,7 @@ def rollers_gain(count: int) -> float:
 
 
 def nominal(robot: Nominal) -> Model:
-    """Return the model of the robot file, in which nothing is fitted."""
+    """Return the model of the robot file, without fitted parameters."""
     return Model("nominal", (), (), lambda _: robot.matrix(robot.radius, robot.lever))
 
 
@@ -123,7 +123,7 @@ def lateral(robot: Nominal) -> Model:
 
 
 def per_wheel(robot: Nominal) -> Model:
-    """Return the model with a radius of each wheel."""
+    """Return the model with a separate radius for each wheel."""
     return Model(
         "per wheel",
         ("lever_m", "lateral_gain", *(f"radius of {wheel}_m" for wheel in WHEELS)),
@@ -135,8 +135,8 @@ def per_wheel(robot: Nominal) -> Model:
 def full(robot: Nominal) -> Model:
     """Return the model with a full matrix.
 
-    Its x axis is the direction of motion while all wheels turn alike, so the second row sums to 0:
-    any other direction could not be told from the reference's misalignment.
+    The x axis is the direction of motion while all wheels turn alike, so the second row sums to 0.
+    Any other direction could not be distinguished from the reference's misalignment.
     """
     begin = robot.matrix(robot.radius, robot.lever).ravel()
     free = [index for index in range(12) if index != 7]

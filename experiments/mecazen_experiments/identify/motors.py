@@ -1,8 +1,8 @@
 """Identifies motors from commands, wheel positions and efforts.
 
 The wheels follow commands as in `mecazen.robot.Motors`: delay, dead band, gain and supply, then a
-first-order lag. Its response to commands that are constant between samples is exact, so that the
-delay is no multiple of the sampling period. Friction is found from the motors' efforts.
+first-order lag. The response to commands that are constant between samples is exact, so the delay
+need not be a multiple of the sampling period. Friction is found from the motors' efforts.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ LAGS_S = (0.01, 0.05, 0.2)
 NOISELESS_RAD_S = 1e-6
 """Deviation of speeds in data without noise."""
 MOVING_RAD_S, STEADY_RAD_S2, STRAIGHT = 0.5, 0.5, 0.1
-"""Friction is found where wheels turn at least as fast, change speed at most as fast, and turn the
-robot or push it aside by at most this share of what they push it ahead."""
+"""Friction is found in intervals with at least the first speed and at most the second acceleration,
+in which the wheels turn the robot or push it aside by at most the third share of the forward
+push."""
 NAMES = (
     "delay_s",
     "time_constant_s",
@@ -51,7 +52,7 @@ class MotorLog:
 
     @property
     def load(self) -> Array:
-        """Sum of the motors' torques at the begin of each interval (n,) [N·m]."""
+        """Sum of the motors' absolute torques at the beginning of each interval (n,) [N·m]."""
         if self.efforts is None:
             return np.zeros(len(self.commands))
         return np.concatenate([[0.0], np.abs(self.efforts).sum(axis=1)[:-1]])
@@ -83,15 +84,15 @@ def response(values: Array, log: MotorLog) -> tuple[Array, Array]:
 
 
 def _late(values: Array, steps: int) -> Array:
-    """Return rows that are `steps` rows late; zero before."""
+    """Return the rows delayed by `steps` rows; the first rows are zero."""
     steps = min(steps, len(values))
     return np.concatenate([np.zeros((steps, values.shape[1])), values[: len(values) - steps]])
 
 
 def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, Estimate], tuple[str, ...]]:
-    """Return the parameters of the motors, and sentences on what the data leave open.
+    """Return the parameters of the motors, and sentences on undetermined parameters.
 
-    Intervals are those of the curvature. Friction is among them if efforts are recorded.
+    Intervals are from the curvature. Friction is included if efforts are recorded.
     """
 
     def residuals(values: Array) -> Array:
@@ -130,8 +131,8 @@ def _estimate(value: float, half: float) -> Estimate:
 def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, Estimate]:
     """Return Coulomb and viscous friction from the efforts while the robot drives steadily ahead.
 
-    Then rollers do not spin, and nothing is accelerated. Wheels of different gains work against
-    each other: rollers slip at the torque that their grip allows, in the direction of the slip.
+    In these intervals rollers do not spin, and nothing accelerates. Wheels with different gains
+    work against each other, so rollers slip; their grip adds a torque in the direction of the slip.
     """
     twist = SIDES * TURNS
     rows, efforts = [], []

@@ -1,4 +1,4 @@
-"""The excitation: a minute of commands that makes all parameters of a robot visible."""
+"""The excitation: a minute of commands that makes all parameters of a robot observable."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ AHEAD_S = 1.5
 FASTEST = 0.5, 0.5, 1.5
 """Highest speeds [m/s, m/s, rad/s], if the limits of the controller allow them."""
 LEVELS = 1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.1, -0.1
-"""Speeds along an axis, over its highest: both directions, so that the robot stays where it is."""
+"""Speeds along an axis, as shares of the highest: in both directions, so that the robot returns."""
 MIXED = 0.4
-"""Speeds along several axes at once, over their highest."""
+"""Speeds along several axes at once, as a share of the highest."""
 DIRECTIONS = ((1, 1, 0), (1, -1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1), (1, -1, 1))
 Levels = tuple[float, float, float]
 
 
 class Step(NamedTuple):
-    """A command that holds until the next one."""
+    """A command that holds until the next step."""
 
     time_s: float
     vx_m_s: float

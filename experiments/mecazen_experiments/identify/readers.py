@@ -31,9 +31,9 @@ def optiodom(folder: Path) -> list[Run]:
 
     A session is a folder with `metadata.csv` and `run-NN.csv`, plain or as gzip. A run has the
     columns time [s], x [m], y [m], yaw [rad], and the displacement of the wheels 1 to 4
-    [revolutions per sample]. The published reference is stretched to the odometry's duration, so
-    turning that the odometry did not log is made up for by the ratio of both durations in
-    `metadata.csv` (`gt_ti`, `gt_tf`, `odo_ti`, `odo_tf`), where they are given.
+    [revolutions per sample]. The published reference is stretched to the odometry's duration. So
+    rotation that the odometry did not log is corrected by the ratio of both durations in
+    `metadata.csv` (`gt_ti`, `gt_tf`, `odo_ti`, `odo_tf`), if they are given.
 
     Raises:
         ConfigError: One line with the file and the reason.
@@ -73,7 +73,7 @@ def _session(folder: Path) -> list[Run]:
 
 
 def _stretch(metadata: Mapping[str, Sequence[str]], index: int, folder: Path) -> float:
-    """Return the duration of the reference over that of the odometry; 1 if it is not given."""
+    """Return the duration of the reference over that of the odometry; 1 if they are not given."""
     try:
         begin, end, first, last = (
             float(metadata[name][index]) for name in ("gt_ti", "gt_tf", "odo_ti", "odo_tf")
@@ -96,7 +96,7 @@ def csv_files(paths: Sequence[Path], names: Mapping[str, str]) -> list[Run]:
 
     Args:
         paths: The files.
-        names: Names of columns that differ from those of `COLUMNS`, by the latter.
+        names: Names of columns that differ from `COLUMNS`, by the names in `COLUMNS`.
 
     Raises:
         ConfigError: One line with the file and the reason.

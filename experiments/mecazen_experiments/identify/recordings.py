@@ -28,8 +28,8 @@ def recorded(path: Path) -> tuple[list[Run], list[MotorLog]]:
     truth, or motion capture that is published on that key.
 
     Raises:
-        ConfigError: It has no wheels, or no reference.
-        RecordingError: It can't be read.
+        ConfigError: The recording has no wheels, or no reference.
+        RecordingError: The recording can't be read.
     """
     recording = Recording(path)
     found: dict[int, dict[str, list[tuple[float, Any]]]] = {}

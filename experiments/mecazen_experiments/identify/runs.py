@@ -12,10 +12,10 @@ from mecazen.errors import ConfigError
 Array = npt.NDArray[np.float64]
 
 MAX_GAP = 5.0
-"""Longest interval between two samples that is no gap [sample periods]."""
+"""Longest interval between two samples that does not count as a gap [sample periods]."""
 MIN_SAMPLES = 50
 MAX_SPEED_M_S = 10.0
-"""A faster reference has jumped, or is in another unit."""
+"""Maximum speed of the reference; a faster reference has jumped, or has a wrong unit."""
 
 
 @dataclass(frozen=True)
@@ -24,19 +24,20 @@ class Run:
 
     name: str
     session: str
-    """Runs of one session share all that differs from day to day."""
+    """Name of the session; its runs share all conditions that differ from day to day."""
     times: Array
-    """Increasing (n,) [s]."""
+    """Increasing times (n,) [s]."""
     poses: Array
     """x [m], y [m] and continuous yaw [rad] of the reference (n, 3)."""
     wheels: Array
-    """Angles in the order of `WHEELS`, forward is positive (n, 4) [rad]."""
+    """Angles of the wheels in the order of `WHEELS`, forward is positive (n, 4) [rad]."""
     group: str = ""
-    """Runs of one group share noise and the mounting of the reference's markers."""
+    """Name of the group; its runs share noise and the mounting of the reference's markers."""
     missing: float = 0.0
-    """Share of the reference's time that the log of the wheels lacks; `wheels` make up for it."""
+    """Share of the reference's time that is missing in the log of the wheels; `wheels` are
+    corrected for it."""
     gaps: tuple[int, ...] = field(default=())
-    """Samples before gaps."""
+    """Indices of the samples before gaps."""
 
     @property
     def kind(self) -> str:
@@ -49,7 +50,7 @@ class Run:
         return float(np.median(np.diff(self.times)))
 
     def as_logged(self) -> Run:
-        """Return the run without a correction for what the log of the wheels lacks."""
+        """Return the run without the correction for time missing in the log of the wheels."""
         return replace(self, wheels=self.wheels * (1.0 - self.missing), missing=0.0)
 
     def starts(self, size: int, margin: int = 0) -> npt.NDArray[np.int_]:

@@ -21,13 +21,14 @@ from mecazen_experiments.identify.models import TURNS
 from mecazen_experiments.identify.runs import Array, Run
 
 ROLLER_SHARE = 0.3
-"""Largest part of a roller by which a wheel turns in a step at its highest speed."""
+"""Maximum rotation of a wheel in a step at its highest speed, as a share of the roller pitch."""
 TURNED_S, TURN_S = 60.0, 0.5
-"""Time of a run for which yaw is compared with the simulation, and the length of its parts."""
+"""Duration of the part of a run whose yaw is compared with the simulation, and length of its
+parts."""
 
 
 def simulated(robot: Robot, run: Run) -> Array:
-    """Return the poses of base_link that the wheels of a run give in the simulation (n, 3)."""
+    """Return the poses of base_link (n, 3) from a simulation with the wheel speeds of a run."""
     pitch = 2.0 * math.pi / robot.rollers.count
     longest = min(PhysicsConfig().dt_s, ROLLER_SHARE * pitch / robot.wheels.max_speed_rad_s)
     steps = math.ceil(run.period_s / longest - 1e-6)
@@ -51,7 +52,7 @@ def all_simulated(robot: Robot, runs: Sequence[Run]) -> list[Array]:
 
 
 def mounted(poses: Array, mounting: Array) -> Array:
-    """Return the reference's poses for those of base_link.
+    """Convert poses of base_link to poses of the reference.
 
     Args:
         poses: Poses of base_link (n, 3).
@@ -65,9 +66,9 @@ def identified_robot(
 ) -> Robot:
     """Return the robot file with the identified radius, lever and number of rollers.
 
-    The lever is scaled by wheelbase and track alike. Where contacts move along the axles, a robot
-    turns by another angle than the ideal kinematics of its file (`yaw_gain`), so the scale is that
-    with which the simulation of a run turns as far as the identified kinematics.
+    Wheelbase and track are scaled by the same factor. Since contacts move along the axles, a robot
+    turns by another angle than the ideal kinematics of its file (`yaw_gain`). So the scale is
+    chosen such that the simulation of a run turns as far as the identified kinematics.
 
     Raises:
         ConfigError: Such a robot can't be simulated.

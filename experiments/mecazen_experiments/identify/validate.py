@@ -1,4 +1,4 @@
-"""Validation: fit on some sessions of a real robot, and publish the drift on all others.
+"""Validation: fits models to some sessions of a real robot, and reports the drift on all others.
 
 The unit of independence is a session: its runs share the floor, the mounting and the battery.
 """
@@ -49,14 +49,15 @@ IDEAL, PHYSICS = "ideal, calibrated", "full physics"
 
 
 class ValidateConfig(Section):
-    """A validation."""
+    """The configuration of a validation."""
 
     robot: Path
-    """The robot file, relative to this one."""
+    """The robot file, relative to the configuration file."""
     fit: Literal["odd", "even"] = "odd"
-    """Position, from 1, of the sessions for fitting in the sorted list of each kind of path."""
+    """Positions, counted from 1, of the sessions for fitting in the sorted list of each kind of
+    path."""
     horizons_s: Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)] = (1.0, 5.0, 10.0)
-    """Times after which drift is measured; the last one is compared in pairs."""
+    """Times after which drift is measured; models are compared in pairs at the last time."""
     segment_s: Positive = 10.0
     """Length of the segments at whose ends OptiOdom's method compares positions."""
 
@@ -72,7 +73,7 @@ class Statistic:
 
 @dataclass(frozen=True)
 class Drift:
-    """Drift of a model within a time, over all spans of the held-out runs of a kind of path."""
+    """Drift of a model after a time, over all spans of the held-out runs of a kind of path."""
 
     model: str
     kind: str
@@ -87,7 +88,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class Difference:
-    """Median drift of a model less that of another after the longest time, in pairs [m]."""
+    """Median drift of a model minus that of another after the longest time, in pairs [m]."""
 
     model: str
     other: str
@@ -106,7 +107,7 @@ class Validation:
     drifts: tuple[Drift, ...]
     differences: tuple[Difference, ...]
     identification: Identification
-    """From the sessions for fitting alone."""
+    """Identification from the sessions for fitting only."""
     sessions: tuple[SessionResult, ...]
     """Lateral gain of all sessions."""
     duration_s: float
@@ -187,10 +188,10 @@ def validate(config: ValidateConfig, robot: Robot, runs: Sequence[Run]) -> tuple
 def optiodom(start: Nominal, runs: Sequence[Run], segment_s: float) -> Array:
     """Return the coefficients that OptiOdom's method finds (14,).
 
-    It minimises the distances between the positions of odometry and reference at the ends of
-    segments of runs, which begin at the reference's pose, over the diameter of each wheel and the
-    lever of the ideal kinematics (R. B. Sousa et al., J. Intell. Robot. Syst. 105:39, 2022). Its
-    resilient propagation is replaced by least squares, with the same minimum.
+    The method optimises the diameter of each wheel and the lever of the ideal kinematics. It
+    minimises the distances between the positions of odometry and reference at the ends of segments
+    of runs, which begin at the reference's pose (R. B. Sousa et al., J. Intell. Robot. Syst.
+    105:39, 2022). Its resilient propagation is replaced by least squares, with the same minimum.
     """
 
     def coefficients(values: Array) -> Array:
@@ -247,7 +248,7 @@ def _drift(model: str, kind: str, horizon_s: float, own: Mapping[str, Array]) ->
 def _differences(
     joined: Mapping[tuple[str, str, float], Mapping[str, Array]], geometry: str, horizon_s: float
 ) -> list[Difference]:
-    """Return how far the geometry is below the ideal kinematics, and physics from the geometry."""
+    """Return the differences geometry minus ideal kinematics, and physics minus geometry."""
     kinds = list(dict.fromkeys(kind for _, kind, _ in joined))
     result = []
     for model, other in ((geometry, IDEAL), (PHYSICS, geometry)):

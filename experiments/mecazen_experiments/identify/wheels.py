@@ -1,4 +1,4 @@
-"""Checks that the columns of the wheels are those of the wheels, in order, direction and unit."""
+"""Checks order, direction and unit of the columns of the wheels."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from mecazen_experiments.identify.runs import Array
 from mecazen_experiments.identify.windows import Moments
 
 SUSPICIOUS = 0.2
-"""Residuals above this share of the motion need another explanation than noise."""
+"""Residuals above this share of the motion cannot be explained by noise."""
 EQUAL = 1.1
 """Explanations whose residuals differ by less than this factor are equally good."""
 UNIT_RATIO = 3.0
-"""Radius and lever differ by less than this factor from the robot file's."""
+"""Maximum factor between identified radius and lever and those of the robot file."""
 DEGREES = 180.0 / np.pi
 
 
 def gains(
     moments: Moments, order: tuple[int, ...] = (0, 1, 2, 3), signs: Array | None = None
 ) -> tuple[Array, float]:
-    """Return forward, lateral and yaw gain, and the sum of squared residuals over that of motion.
+    """Return forward, lateral and yaw gain, and the squared residuals relative to the motion.
 
-    The gains are those of J = [f·1, l·SIDES, t·TURNS]; the sum is weighted so that position and
-    yaw count alike. The motion along each axis may also depend on the wheels of the other one, as
-    with a reference that is turned on the robot.
+    The gains are f, l and t in J = [f·1, l·SIDES, t·TURNS]. Position and yaw have equal weight in
+    the residuals. The motion along x may also depend on the wheel pattern of y, and vice versa, as
+    with a reference that is mounted at an angle.
 
     Args:
         moments: Sums over windows.
-        order: Column that each wheel has.
+        order: Column of each wheel.
         signs: Direction of each column.
     """
     basis = np.zeros((14, 7))
@@ -50,7 +50,7 @@ def gains(
 
 
 def check_wheels(name: str, moments: Moments, nominal: Nominal) -> None:
-    """Refuse wheels that are swapped, that turn the wrong way, or are in another unit.
+    """Refuse wheels that are swapped, that turn the wrong way, or have a wrong unit.
 
     Raises:
         ConfigError: One line with the wheels and the residuals.
@@ -85,7 +85,7 @@ def _near(one: float, other: float) -> bool:
 
 
 def _explain(name: str, moments: Moments, share: float) -> None:
-    """Raise the fewest changes of the wheels' order and directions that explain the motion."""
+    """Raise an error with the fewest changes of order and directions that explain the motion."""
     choices = []
     for order, signs in product(permutations(range(4)), product((1.0, -1.0), repeat=4)):
         found, residual = gains(moments, order, np.array(signs))

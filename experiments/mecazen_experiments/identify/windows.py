@@ -1,16 +1,16 @@
-"""Windows of runs, and sums over windows from which each kinematic model is fitted.
+"""Windows of runs, and sums over windows, to which kinematic models are fitted.
 
 A robot whose wheels turn by dφ (4) moves by J dφ in its own frame, with the matrix J (3, 4) of
-its model: along x, along y, and yaw. Over a window with the reference's yaw θ, relative to that
-at the beginning, the reference moves in the frame of the beginning by
+its model: along x, along y, and yaw. Let θ be the yaw of the reference relative to the beginning of
+a window. Over the window, the reference moves, in its frame at the beginning, by
 
     Δx = Σ (cos θ·J_x - sin θ·J_y) dφ + (cos Δθ - 1)·o_x - sin Δθ·o_y
     Δy = Σ (sin θ·J_x + cos θ·J_y) dφ + sin Δθ·o_x + (cos Δθ - 1)·o_y
     Δθ = Σ J_yaw dφ
 
-with the offset o of the reference on the robot. This is linear in the 14 coefficients J and o, so
-the sum of squares of all windows is a quadratic form of them: `Moments`. A fit on moments takes
-milliseconds.
+with the offset o of the reference on the robot. The motion is linear in the 14 coefficients J and
+o. So the sum of squares of all windows is a quadratic form in these coefficients, which `Moments`
+contains. A fit to moments takes milliseconds.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ class Windows:
     """Windows of a run."""
 
     starts_s: Array
-    """Begin of each window (m,) [s]."""
+    """Begin times of the windows (m,) [s]."""
     moved: Array
     """Δx [m], Δy [m] and Δθ [rad] of the reference (m, 3)."""
     slopes: Array
     """Derivatives of the motion with respect to the coefficients (m, 3, 14)."""
 
     def residuals(self, coefficients: Array) -> Array:
-        """Return the reference's motion beyond that of a model (m, 3)."""
+        """Return the reference's motion minus that of a model (m, 3)."""
         return self.moved - self.slopes @ coefficients
 
     def blocks(self, size: int) -> Iterator[Windows]:
@@ -55,7 +55,7 @@ def cut(run: Run, window_s: float, offset_s: float = 0.0) -> Windows:
     Args:
         run: The run.
         window_s: Duration of a window [s].
-        offset_s: Time of the reference's clock beyond that of the wheels [s].
+        offset_s: Offset of the reference's clock ahead of that of the wheels [s].
     """
     size = max(1, round(window_s / run.period_s))
     poses, margin = run.poses, 0
@@ -83,7 +83,7 @@ def cut(run: Run, window_s: float, offset_s: float = 0.0) -> Windows:
 
 
 def motions(poses: Array, first: Array | Iterable[int], size: int) -> Array:
-    """Return the motion within `size` samples from each first one, in its frame (m, 3)."""
+    """Return the motion over `size` samples from each sample in `first`, in its frame (m, 3)."""
     first = np.asarray(first, dtype=int)
     begin, end = poses[first], poses[first + size]
     c, s = np.cos(begin[:, 2]), np.sin(begin[:, 2])
@@ -139,5 +139,5 @@ class Moments:
 
 
 def total(moments: Iterable[Moments]) -> Moments:
-    """Return the sum of at least one."""
+    """Return the sum of one or more moments."""
     return reduce(Moments.__add__, moments)

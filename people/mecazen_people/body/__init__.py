@@ -1,1 +1,1 @@
-"""The person's body: a skeleton that walks, on feet that stay where they stand."""
+"""The person's body: a walking skeleton whose standing feet stay in place."""

@@ -16,7 +16,7 @@ _TYPES = {-1: "S1", 1: "u1", 2: "<u2", 4: "<f4"}
 
 
 def read_points(data: bytes) -> tuple[float, dict[str, NDArray[np.float64]]]:
-    """Return the frames per second, and points (n, 3) by their labels; NaN where one is hidden."""
+    """Return the frames per second, and points (n, 3) by their labels; NaN if hidden."""
     try:
         first, magic, used, analog = struct.unpack_from("<BBHH", data)
         section = data[max(first - 1, 0) * _BLOCK :][: 256 * _BLOCK]

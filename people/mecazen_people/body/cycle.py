@@ -1,9 +1,10 @@
-"""One cycle of a steady gait: planted feet, and the pelvis that suits the curves best.
+"""One cycle of a steady gait: planted feet, and the motion of the pelvis that fits the curves best.
 
-In stance, the curves give the foot's pitch and with it, as it rolls on the ground, the place of
-the ankle; over it they place the hip. The pelvis follows both hips, each with a weight that grows
-from 0 after heel strike and shrinks to 0 before toe-off, low-passed. In swing, the curves hang the
-foot from that pelvis. So swing has the curves' angles, and stance nearly.
+In stance, the curves give the foot's pitch. The pitch of the rolling foot gives the place of the
+ankle, and the curves place the hip over the ankle. The pelvis follows both hips, and the result is
+low-passed; the weight of each hip grows from 0 after heel strike and shrinks to 0 before toe-off.
+In swing, the curves give the place of the foot relative to this pelvis. So the angles are those of
+the curves in swing, and nearly so in stance.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from mecazen_people.body.style import Style
 SAMPLES = 100
 """Number of samples of the pelvis over the cycle, of a leg over its stance, and over its swing."""
 _HARMONICS = 8  # of the pelvis
-_CLEARANCE = 0.007  # about the least in the middle of the swing [m]
-_TIED = 0.4  # share of the swing over which each end is tied to the stance
+_CLEARANCE = 0.007  # approximate minimum in the middle of the swing [m]
+_TIED = 0.4  # share of the swing over which each end is blended into the stance
 _RAMP = 0.06  # share of the stance over which the foot leaves the ground
 _FLAT = (
     0.11 / 0.62,
     0.34 / 0.62,
-)  # of the stance: the foot is flat, as curves have it within 2 deg
+)  # shares of the stance between which the foot is flat; curves then have it flat within 2 deg
 
 
 class Swings(NamedTuple):
-    """Amplitudes of what swings once a cycle, and is prescribed: [m] and [rad]."""
+    """Amplitudes of the prescribed oscillations, which have the period of a cycle [m, rad]."""
 
     sway: float
     pelvis_yaw: float
@@ -49,7 +50,7 @@ class Swings(NamedTuple):
         )
 
     def pelvis(self, phase: float) -> tuple[float, float, float]:
-        """Return the pelvis's place to the left, its yaw and its roll (left side up) at a phase.
+        """Return the pelvis's offset to the left, its yaw and its roll (left side up) at a phase.
 
         The phase is the left leg's. The pelvis is furthest over the standing foot; the leading
         leg's side is ahead; the loaded side is highest at 15 % (Perry & Burnfield).
@@ -70,7 +71,7 @@ class Leg(NamedTuple):
     lift: Sequence[float]
     """Height of the foot's lowest point [m]; 0 in stance."""
     progress: Sequence[float]
-    """In the world, from 0 where the foot stood to 1 where it will; 0 in stance."""
+    """Share of the way in the world from the last footprint to the next one; 0 in stance."""
 
 
 class Cycle(NamedTuple):
@@ -79,7 +80,7 @@ class Cycle(NamedTuple):
     stride: float
     stance_shares: tuple[float, float]
     leads: tuple[float, float]
-    """Forward places of the standing feet at half stance, from the path's pose [m]."""
+    """Forward places of the standing feet at half stance, relative to the path's pose [m]."""
     swings: Swings
     forward: Sequence[float]
     """Offset of the pelvis ahead of the path's pose over the left leg's phase, SAMPLES + 1 [m]."""
@@ -90,7 +91,7 @@ class Cycle(NamedTuple):
 
 
 class _Solver:
-    """Solves a cycle; the frame is the path's pose, the phase the left leg's unless said."""
+    """Solves a cycle, in the frame of the path's pose; phases are the left leg's unless noted."""
 
     def __init__(self, style: Style, segments: Segments, speed: float) -> None:
         self._style, self._segments, self._speed = style, segments, speed
@@ -101,7 +102,7 @@ class _Solver:
         places = [self._wanted((i + 0.5) / SAMPLES) for i in range(SAMPLES)]
         self._forward = Fourier([x for x, _ in places], _HARMONICS)
         self._height = Fourier([z for _, z in places], _HARMONICS)
-        # feet are that far back that the pelvis is at the path's pose in the mean
+        # feet are shifted back, so that the mean place of the pelvis is the path's pose
         self.leads = self._leads[0] - self._forward.mean, self._leads[1] - self._forward.mean
 
     def pelvis(self, phase: float) -> tuple[float, float]:
@@ -110,9 +111,9 @@ class _Solver:
         return self._forward.at(phase) - self._forward.mean, self._height.at(phase)
 
     def _hip(self, side: int, phase: float) -> tuple[float, float, float]:
-        """Return a hip's forward and upward place from the pelvis, and its left one from the foot.
+        """Return a hip's forward and upward offset from the pelvis, and its left one from the foot.
 
-        All in [m].
+        All offsets are in [m].
         """
         segments, (sway, yaw, roll), sign = self._segments, self.swings.pelvis(phase), 1 - 2 * side
         half = sign * segments.hips / 2
@@ -120,9 +121,9 @@ class _Solver:
         return -half * math.sin(yaw), half * math.sin(roll), inwards + sway
 
     def _step(self, side: int, leg_phase: float, left: float = 0.0) -> tuple[float, float, float]:
-        """Return what the curves want: the foot's pitch [rad], the ankle before and below the hip.
+        """Return the curves' foot pitch [rad], and the ankle's place before and below the hip [m].
 
-        The hip is `left` of the ankle [m].
+        The hip is by `left` [m] to the left of the ankle.
         """
         segments = self._segments
         flexion, knee, ankle = self._style.angles(side, self._speed, leg_phase)
@@ -133,7 +134,7 @@ class _Solver:
         return shank + ankle, reach, math.sqrt(max(down * down - left * left, 0.0))
 
     def _wanted(self, phase: float) -> tuple[float, float]:
-        """Return the forward place and the height of the pelvis that the standing legs want."""
+        """Return the forward place and the height of the pelvis that suit the standing legs."""
         total = forward = height = 0.0
         for side, share in enumerate(self.shares):
             leg_phase = math.fmod(phase + side * self._style.offset, 1.0)
@@ -191,7 +192,7 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
 
 
 def _stance_pitch(part: float, pitch: float) -> float:
-    """Return the foot's pitch at a part of the stance where the curves want `pitch` [rad]."""
+    """Return the foot's pitch [rad] at a part of the stance, given the `pitch` of the curves."""
     if part < _FLAT[0]:
         return max(pitch, 0.0) * _smooth((_FLAT[0] - part) / _RAMP)
     return min(pitch, 0.0) * _smooth((part - _FLAT[1]) / _RAMP)

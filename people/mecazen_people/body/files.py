@@ -27,7 +27,7 @@ MAX_JOINTS = 1000
 MAX_PLACES = 1 << 21
 """Maximum number of joints times frames in BVH: 7 minutes of 40 joints at 120 Hz."""
 FARTHEST = 1e9
-"""The largest number, in the unit of the file."""
+"""Largest magnitude of a number, in the unit of the file."""
 
 
 class MotionFile(NamedTuple):
@@ -40,11 +40,11 @@ class MotionFile(NamedTuple):
 
 
 def read(file: Path) -> MotionFile:
-    """Read a motion file by the ending of its name."""
+    """Read a motion file in the format of its suffix."""
     readers = dict(zip(KINDS, (_read_bvh, _read_c3d, _read_mot, _read_trc), strict=True))
     if (reader := readers.get(file.suffix.lower())) is None:
         raise ConfigError(f"{file}: must end in one of {', '.join(KINDS)}")
-    with np.errstate(all="ignore"):  # what is not finite is refused below
+    with np.errstate(all="ignore"):  # numbers that are not finite are refused below
         track = reader(file)
     if not 10.0 <= track.rate_hz <= 10_000.0:
         rate = f"{track.rate_hz:g}"

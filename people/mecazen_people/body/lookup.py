@@ -12,7 +12,7 @@ SLOWEST, FASTEST, _STEP = 0.2, 2.0, 0.2  # [m/s]
 
 
 class Lookup:
-    """The gait at a speed between those that are solved: linear in speed and phase."""
+    """The gait at any speed: solved cycles, interpolated linearly in speed and phase."""
 
     def __init__(self, style: Style, segments: Segments) -> None:
         count = round((FASTEST - SLOWEST) / _STEP) + 1
@@ -27,12 +27,12 @@ class Lookup:
         return i, place - i
 
     def stride_at(self, speed: float) -> float:
-        """Return the stride length [m] at a speed [m/s], without choosing it."""
+        """Return the stride length [m] at a speed [m/s], without setting it."""
         i, b = self._place(speed)
         return (1.0 - b) * self._cycles[i].stride + b * self._cycles[i + 1].stride
 
     def set_speed(self, speed: float) -> None:
-        """Choose the speed [m/s]; below the slowest and above the fastest solved it is these."""
+        """Set the speed [m/s], limited to the range of the solved cycles."""
         if speed == self._speed:
             return  # as on most ticks
         self._speed = speed
@@ -72,7 +72,7 @@ class Lookup:
 
 
 def _at(values: Sequence[float], part: float) -> float:
-    """Return a table's value at a part of it in [0, 1]."""
+    """Return a table's value, interpolated at `part` of the table in [0, 1]."""
     place = part * SAMPLES
     i = min(int(place), SAMPLES - 1)
     return values[i] + (place - i) * (values[i + 1] - values[i])

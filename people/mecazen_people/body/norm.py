@@ -25,9 +25,9 @@ Stance = Annotated[float, msgspec.Meta(ge=0.52, le=0.85)]
 
 
 class Fourier:
-    """A periodic function of the phase, of which 1 is a cycle, from equidistant samples.
+    """A periodic function of the phase (a cycle is 1), from equidistant samples.
 
-    Eight harmonics hold the angles of a recorded adult to 0.2 deg RMS.
+    Eight harmonics reproduce the angles of a recorded adult to 0.2 deg RMS.
     """
 
     def __init__(self, samples: Sequence[float], harmonics: int = 8) -> None:
@@ -51,7 +51,7 @@ class Fourier:
 
 
 class KeyValues(Section):
-    """A curve by its values at some percents of the gait cycle; the first follows on the last."""
+    """A periodic curve, by its values at some percentages of the gait cycle."""
 
     percent: Annotated[tuple[Finite, ...], msgspec.Meta(min_length=4, max_length=100)]
     deg: tuple[Finite, ...]
@@ -65,7 +65,7 @@ class KeyValues(Section):
 
     def curve(self) -> Fourier:
         """Return the periodic cubic spline through the values [rad], of the phase."""
-        # so natural that three cycles differ from endless ones by less than rounding in the middle
+        # over three cycles, the natural ends change the middle cycle by less than rounding
         cycles = (-100.0, 0.0, 100.0)
         knots = [percent + cycle for cycle in cycles for percent in self.percent]
         values = [math.radians(deg) for _ in cycles for deg in self.deg]
@@ -141,7 +141,7 @@ def read_norm(file: Path) -> Norm:
     """Read a table like `norm.toml`.
 
     Raises:
-        ConfigError: One line with the file, the key and what is allowed.
+        ConfigError: One line with the file, the key and the allowed values.
     """
     raw = read_toml(file)
     try:

@@ -1,4 +1,4 @@
-"""A posture: where all joints are, and the angles that a gait laboratory takes from them."""
+"""A posture: the places of all joints, and the joint angles of a gait laboratory."""
 
 from __future__ import annotations
 
@@ -36,11 +36,12 @@ class Posture(NamedTuple):
 
 
 def sagittal_angles(joints: Sequence[Point]) -> tuple[float, ...]:
-    """Return hip, knee and ankle of the left and the right leg [rad] from joint centres (20, 3).
+    """Return hip, knee and ankle angles of both legs, left first [rad], from joint centres (20, 3).
 
-    The hip's is the thigh's about the line of the hips, from the trunk's line, plus the pelvic tilt
-    that a laboratory's markers include. The knee's is the shank's from the thigh's; the ankle's is
-    the sole's from the normal to the shank. Flexion and dorsiflexion are positive.
+    The hip's angle is that of the thigh to the trunk's line, about the line of the hips, plus the
+    pelvic tilt that a laboratory's markers include. The knee's angle is that of the shank to the
+    thigh, the ankle's that of the sole to the normal of the shank. Flexion and dorsiflexion are
+    positive.
     """
     across = _minus(joints[_LEGS[0][0]], joints[_LEGS[1][0]])
     width = math.sqrt(_dot(across, across))

@@ -24,9 +24,9 @@ _NAMES = {
 }
 """Names of points in BVH, OpenSim and Plug-in Gait; {} is the side."""
 _SIDES = (("Left", "L"), ("Right", "R"))
-_HEADING_S = 1.2  # about a stride: the mean heading of the pelvis is that of the walk
-_STRAIGHTEST = np.radians(3.0)  # knee
-_IRREGULAR = 0.3  # of the usual length, by which another cycle may differ from it
+_HEADING_S = 1.2  # about a stride, in which the pelvis has the mean heading of the walk
+_STRAIGHTEST = np.radians(3.0)  # least flexion of the knee
+_IRREGULAR = 0.3  # largest deviation of a cycle, as a share of the usual length
 _FLAT = (0.3, 0.5)  # part of the stance in which the foot is taken as flat
 
 
@@ -36,7 +36,7 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     The result has the sagittal angles, the stance shares, the phase between the legs, and the
     stride. Heel strike is where the heel is furthest ahead of the hip, toe-off shortly before the
     ball of the foot is furthest behind (after J. A. Zeni et al., Gait & Posture 27, 2008). The
-    speed is that of the standing foot from the hips, with the `segments` of the person here.
+    speed is that of the standing foot relative to the hips, computed with `segments`.
     """
     track = read(file)
     try:
@@ -59,7 +59,7 @@ def read_recording(file: Path, segments: Segments) -> Reference:
 
 
 def _angles(track: MotionFile, side: int) -> Array:
-    """Return hip, knee and ankle [rad] over the frames (3, n); an offset of the ankle is open."""
+    """Return hip, knee and ankle [rad] over the frames (3, n); the ankle's offset is unknown."""
     values, letter = track.values, ("l", "r")[side]
     names = (
         *(f"{name}_{letter}" for name in ("hip_flexion", "knee_angle", "ankle_angle")),
@@ -91,9 +91,9 @@ def _angles(track: MotionFile, side: int) -> Array:
 
 
 def _hip(track: MotionFile, side: int, forward: Array) -> Array:
-    """Return a hip joint's centre (n, 3), if need be from the markers on the pelvis.
+    """Return a hip joint's centre (n, 3); if it is not recorded, from the markers on the pelvis.
 
-    It lies 14 % of the distance of these inwards, 19 % behind and 30 % below them (A. L. Bell et
+    The centre is 14 % of the markers' distance inwards, 19 % behind and 30 % below (A. L. Bell et
     al., J. Biomech. 23, 1990).
     """
     if _found(track, "hip", side) is not None:
@@ -111,7 +111,7 @@ def _pelvis(track: MotionFile, side: int) -> Array:
 
 
 def _mean_over(values: Array, width: int) -> Array:
-    """Return the moving average of values (n, 3), over fewer at the ends."""
+    """Return the moving average of values (n, 3), over fewer values at the ends."""
     sums = np.cumsum(np.vstack([np.zeros(3), np.nan_to_num(values)]), axis=0)
     n = np.arange(len(values))
     first, last = np.maximum(n - width // 2, 0), np.minimum(n + width // 2 + 1, len(values))
@@ -143,7 +143,7 @@ class _Cycles:
         shank = thigh - knee
         ahead = segments.thigh * np.sin(thigh) + segments.shank * np.sin(shank)
         pitch, width = shank + ankle, round(0.3 * rate_hz)
-        pitch -= np.median(pitch)  # about what it is when the foot is flat, see below
+        pitch -= np.median(pitch)  # the median is about the flat foot's, see below
         heel = ahead - segments.heel * np.cos(pitch) + segments.ankle * np.sin(pitch)
         self.strikes = [_strike(heel, i, width) for i in _peaks(heel, width)]
         if len(self.strikes) < 2:
@@ -161,7 +161,7 @@ class _Cycles:
         mean[:2] += [[flexed / 2], [flexed]]
         phases = np.arange(mean.shape[1]) / mean.shape[1]
         flat = (phases > _FLAT[0] * self.share) & (phases < _FLAT[1] * self.share)
-        # the sole's direction is in no file: it is level while the foot is flat
+        # no file has the direction of the sole: it is level while the foot is flat
         mean[2] -= (mean[0] - PELVIS_TILT - mean[1] + mean[2])[flat].mean()
         slopes = [(ahead[b] - ahead[a]) / (b - a) for a, b in self._stances()]
         self.speed = max(-float(np.mean(slopes)) * rate_hz, 0.05)
@@ -175,7 +175,7 @@ class _Cycles:
         ]
 
     def _mean(self, values: Array) -> Array:
-        """Return the mean over the cycles at 100 phases, without a step from end to beginning."""
+        """Return the mean over the cycles at 100 phases, without a jump from end to beginning."""
         phases = np.arange(101) / 100
         frames = np.arange(len(values))
         cycles = [np.interp(a + phases * (b - a), frames, values) for a, b in self.cycles]
@@ -184,17 +184,17 @@ class _Cycles:
 
 
 def _strike(heel: Array, peak: int, width: int) -> int:
-    """Return the frame in which a heel strikes that is furthest ahead at the frame `peak`.
+    """Return the frame of a heel strike near the frame `peak`, in which the heel is furthest ahead.
 
-    Zeni et al. take the peak, where the heel goes forward as fast as the hips; the standing foot
-    goes back from them as fast as the body walks, and half as fast about when it strikes.
+    Zeni et al. take the peak, where the heel moves forward as fast as the hips. The standing foot
+    moves back from the hips at the walking speed, and at about half this speed when it strikes.
     """
     fast = _falling(heel[peak : peak + width])
     return peak + int(fast[0]) if len(fast) else peak
 
 
 def _toe_off(ball: Array, strike: int, following: int) -> int:
-    """Return the frame in which the ball of the foot leaves the ground, in the same way."""
+    """Return the frame in which the ball of the foot leaves the ground, as in `_strike`."""
     last = strike + int(np.argmin(ball[strike:following]))
     fast = _falling(ball[strike : last + 1])
     return strike + int(fast[-1]) + 1 if len(fast) else last
@@ -207,14 +207,14 @@ def _falling(values: Array) -> NDArray[np.intp]:
 
 
 def _peaks(values: Array, width: int) -> list[int]:
-    """Return where values are large, and the largest of all within `width`, not at the ends."""
-    # the largest of all may be that of a kick or a jump
+    """Return the peaks: large values that are the largest within `width`, not at the ends."""
+    # a kick or a jump may cause the largest value of all
     large = values.mean() + 0.5 * (np.percentile(values, 90) - values.mean())
     edge = max(width // 4, 1)
     return [
         i
         for i in range(edge, len(values) - edge)
-        # the first of those that are equal, as in a pause
+        # the first of equal values, as in a pause
         if values[max(i - width, 0) : i].max() < values[i] >= large
         and values[i] == values[i : i + width + 1].max()
     ]

@@ -14,16 +14,16 @@ class Segments(NamedTuple):
     ankle: float
     """Height of the ankle above the sole."""
     heel: float
-    """From the point below the ankle back to the heel's."""
+    """Distance from the point below the ankle back to the heel."""
     ball: float
-    """From the point below the ankle forward to the ball of the foot."""
+    """Distance from the point below the ankle forward to the ball of the foot."""
     hips: float
     """Distance between the hip joints' centres."""
     step_width: float
     trunk: float
-    """From the middle of the hips to the height of the shoulders."""
+    """Distance from the middle of the hips to the height of the shoulders."""
     head: float
-    """From there to the middle of the head."""
+    """Distance from the height of the shoulders to the middle of the head."""
     shoulders: float
     upper_arm: float
     forearm: float
@@ -33,21 +33,21 @@ class Segments(NamedTuple):
         """Return the segments of a person of a `height` [m].
 
         Shares of the height by R. Drillis and R. Contini, Body segment parameters (1966), in D. A.
-        Winter, Biomechanics and Motor Control of Human Movement (2009), fig. 4.1. Its hip width is
-        that of the skin; the joints are 0.167 m apart in a person of 1.80 m (S. L. Delp et al.,
-        IEEE Trans. Biomed. Eng. 37, 1990). The heel is a quarter of the foot's length 0.152
-        behind the ankle, the ball half of it ahead. Steps are 0.1 m wide.
+        Winter, Biomechanics and Motor Control of Human Movement (2009), fig. 4.1. The hip width
+        there is that of the skin; the joints are 0.167 m apart in a person of 1.80 m (S. L. Delp et
+        al., IEEE Trans. Biomed. Eng. 37, 1990). The foot's length is 0.152; the heel is a quarter
+        of it behind the ankle, the ball half of it ahead. Steps are 0.1 m wide.
         """
         shares = (0.245, 0.246, 0.039, 0.037, 0.075, 0.093, 0.057, 0.288, 0.117, 0.259)
         return cls(*(height * share for share in (*shares, 0.186, 0.146)))
 
     @property
     def standing(self) -> float:
-        """Height of the hips of who stands, the knees bent by 8 deg."""
+        """Height of the hips of a standing person, with the knees bent by 8 deg."""
         return 0.9976 * (self.thigh + self.shank) + self.ankle
 
     def roll(self, pitch: float) -> tuple[float, float]:
-        """Return x and z of the ankle of a foot on the ground, from the point below it when flat.
+        """Return x and z of a standing foot's ankle, from the point below the flat foot's ankle.
 
         The foot turns by `pitch` [rad], toes up if positive, about the heel, else about the ball.
         """

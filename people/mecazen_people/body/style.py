@@ -13,9 +13,9 @@ _ADULT_M = 1.75  # height of the people in the table
 _DOUBLE = 0.03  # least share of the cycle between a heel strike and the other foot's toe-off
 _LEG = 0.53  # length as a share of the height (Winter)
 _RANGES = tuple(map(math.radians, (65.0, 85.0, 50.0)))
-"""Ranges of hip, knee and ankle up to which a faster walk enlarges a recording's [rad]; those at
-2 m/s are up to 53, 64 and 43 deg."""
-_STANCE_KNEE = math.radians(15.0)  # a stiff knee's flexion up to which it is as others
+"""Ranges of hip, knee and ankle [rad] up to which a faster walk enlarges the ranges of a recording;
+the ranges at 2 m/s are up to 53, 64 and 43 deg."""
+_STANCE_KNEE = math.radians(15.0)  # flexion up to which a stiff knee is like others
 
 
 Curves = tuple[Fourier, Fourier, Fourier]
@@ -28,9 +28,9 @@ class Reference(NamedTuple):
     speed: float
     """[m/s]."""
     stance_shares: tuple[float, float]
-    """Stance shares of the left and the right leg, in the order of all pairs."""
+    """Stance shares of the left and the right leg; all pairs have this order."""
     stride: float | None
-    """Stride length [m]; None is that of the walk ratio."""
+    """Stride length [m]; None: from the walk ratio."""
     curves: tuple[Curves, Curves]
     offset: float = 0.5
     """Phase of the right leg when the left one's is 0."""
@@ -50,7 +50,7 @@ class Style:
         self._size = body.height_m / _ADULT_M
         self._own, self._stride_share = factors.at(gait.speed), 1.0
         self._most_ratios = [[math.inf] * 3] * 2
-        if gait.stride is not None:  # a recording's, in the size of this person
+        if gait.stride is not None:  # a recording, scaled to this person
             self._own = factors.at(gait.speed / math.sqrt(self._size))
             own_stride = _stride(self._own, gait.speed / math.sqrt(self._size))
             self._stride_share = gait.stride / (self._size * own_stride)
@@ -62,7 +62,7 @@ class Style:
         affected = 1.0 if limp is not None and limp.side == "left" else -1.0
         a, q = (0.0, 0.0) if limp is None else (limp.stance_asymmetry, limp.step_asymmetry)
         self._stance_changes = (-affected * a / 2, affected * a / 2)
-        # a shorter stance is a sooner step of the other leg, which makes steps equally long
+        # with a shorter stance the other leg steps sooner, which makes steps equally long
         self.offset = gait.offset + affected * a / 2
         self._leads = (affected * q / 8, -affected * q / 8)
 
@@ -90,7 +90,7 @@ class Style:
         """Return the share of its cycle for which a leg (0 left, 1 right) stands."""
         ratio = self._gait.stance_shares[side] / self._own.stance_share
         share = ratio * self.factors(speed).stance_share + self._stance_changes[side]
-        # and one foot stands before the other one leaves
+        # one foot is put down before the other one leaves the ground
         least = _DOUBLE + (self.offset if side else 1.0 - self.offset)
         return min(max(share, least), 0.85)
 
@@ -110,7 +110,7 @@ class Style:
         ratios = [min(factors[2 + i] / self._own[2 + i], most[i]) for i in range(3)]
         ratios[0] *= share / (
             share - self._stance_changes[side]
-        )  # a shorter stance is a shorter way
+        )  # in a shorter stance the hip moves less far
         hip, knee, ankle = (
             curve.mean
             + ratios[i] * (curve.at(warped) - curve.mean)

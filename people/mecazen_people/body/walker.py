@@ -1,4 +1,4 @@
-"""The person walks: feet are put down where they will stand, and stay there."""
+"""The walking person: each foot is put down at its standing place, and stays there."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from mecazen_people.body.segments import Segments
 from mecazen_people.body.style import Style, reference
 from mecazen_people.motion import Motion
 
-_LAG_S = 0.08  # of each of two lags in series, of the twist and of the change to standing
+_LAG_S = 0.08  # each of two lags in series, for the twist and for starts and stops
 _STILL_M_S, _STILL_RAD_S = 0.01, 0.02  # below both the person stands
-_START_PHASE = 0.75  # of the leg that makes the first step, the other one is under the body
-_PERIOD_S = (0.6, 1.2)  # shortest; of the steps that end a walk
-_TURN_RAD, _ASIDE_M, _BACK_M = 0.8, 0.5, 0.6  # at most, in a stride
-_HOME = (0.03, 0.1)  # a foot is where it stands: within [m], [rad]
-_ASTRAY = (0.1, 0.35)  # from there on a person who stands takes a step
+_START_PHASE = 0.75  # of the leg that steps first; the other foot is under the body
+_PERIOD_S = (0.6, 1.2)  # shortest period; period of the steps that end a walk
+_TURN_RAD, _ASIDE_M, _BACK_M = 0.8, 0.5, 0.6  # largest turn and steps aside and back in a stride
+_HOME = (0.03, 0.1)  # within these [m, rad] a foot is where it should stand
+_ASTRAY = (0.1, 0.35)  # beyond these a standing person takes a step
 _STEP_M = 0.04  # height of steps that are not forward
-_REACH = 0.9999  # of the leg's length
-# a leg that passes through being straight bends too fast: after changes of the twist by the second
-# and more, the pelvis stays so far below where a leg is straight, until they have settled
+_REACH = 0.9999  # largest distance of hip and ankle, as a share of the leg's length
+# a leg that passes through its straight posture bends too fast: after a change of the twist by
+# _SOFT_M_S or more, the pelvis stays lower by _SOFT_M; this offset decays with _SETTLE_S
 _SOFT_M, _SOFT_M_S, _SETTLE_S = 0.02, 0.4, 0.3
-_HURRY_M = (0.03, 0.02)  # a pelvis pulled down by the first makes steps quicker, by 1 per second
+_HURRY_M = (0.03, 0.02)  # drop of the pelvis that hurries steps; further drop that doubles the rate
 _MOST_HURRY = 2.0
-_MOST_SD = 3.0  # a stride differs by at most so many standard deviations
-_LOWEST = 0.7  # of the standing height: a pelvis lower than this lets a foot slip instead
+_MOST_SD = 3.0  # largest deviation of a stride, in standard deviations
+_LOWEST = 0.7  # share of the standing height, below which a foot slips instead
 
 
 class _Leg:
@@ -46,7 +46,7 @@ class _Leg:
         self.lifted = 0.0
         """Phase at which the swing began."""
         self.left = base
-        """Where it began."""
+        """Pose at which the swing began."""
         self.pitch = 0.0
         self.lift = 0.0
 
@@ -55,11 +55,11 @@ class Walker:
     """A body on its path, step by step.
 
     The path's pose is the body's frame: x forward, y left. In the middle of its stance a foot is
-    below this frame. So it is put down where the frame will be after half the stance if the twist
-    stays as it is (M. H. Raibert, Legged Robots That Balance, 1986, p. 46), by the exponential map
-    of SE(2), and any twist is walked, also sideways or on the spot. There it stays while it rolls
-    from heel to ball. In swing it goes from there to the next place with the progress, the lift and
-    the pitch of the solved cycle. A lag of the twist, on which that depends, keeps it continuous.
+    below this frame. So a foot is put down where the frame will be after half the stance if the
+    twist stays constant (M. H. Raibert, Legged Robots That Balance, 1986, p. 46). The exponential
+    map of SE(2) predicts this place for any twist, also sideways or on the spot. The foot stays
+    there while it rolls from heel to ball. In swing it moves to the next place with the progress,
+    the lift and the pitch of the solved cycle. A lag of the twist keeps the next place continuous.
     """
 
     def __init__(self, body: Body) -> None:
@@ -74,7 +74,7 @@ class Walker:
         self.reset(Motion(Pose2D()))
 
     def twin(self) -> Walker:
-        """Return another walker with the same body, which reuses its gait."""
+        """Return another walker with the same body, which reuses the solved gait."""
         twin = copy(self)
         twin._gait = copy(self._gait)
         twin.reset(Motion(Pose2D()))
@@ -129,7 +129,7 @@ class Walker:
         return math.fmod(self._phase + side * self._gait.offset, 1.0)
 
     def _frame(self) -> None:
-        """Set what all of a step needs of the twist."""
+        """Set the values of a step that depend on the twist."""
         x, y, yaw, self._activity = self._lags[1]
         speed = math.hypot(x, y)
         self._gait.set_speed(speed)
@@ -154,13 +154,13 @@ class Walker:
             self._lift_off(first, _START_PHASE)
 
     def _off(self, side: int) -> tuple[float, float]:
-        """Return how far a foot is from where it stands: distance [m] and turn [rad]."""
+        """Return how far a foot is from its standing place: distance [m] and turn [rad]."""
         x, y, yaw = self._pose.between(self._legs[side].base)
         home = self._nominal(side, 0.0)
         return math.hypot(x - home.x, y - home.y), abs(wrap(yaw))
 
     def _nominal(self, side: int, cycles: float) -> Pose2D:
-        """Return where a foot stands, in the frame of the path, that is below it in `cycles`."""
+        """Return the place, in the path's frame, of a foot that this frame passes in `cycles`."""
         aside = self.segments.step_width / 2 + 0.25 * abs(self._twist.y) * self._period
         return (
             Pose2D()
@@ -173,7 +173,7 @@ class Walker:
         leg.swings, leg.lifted, leg.left = True, phase, leg.base
 
     def _shown(self) -> float:
-        """Return the share in which the cycle of a forward walk is seen."""
+        """Return the share of the forward walk's cycle in the motion."""
         return self._activity * max(self._ahead, 0.0)
 
     def _move(self, side: int) -> None:
@@ -308,7 +308,7 @@ class Walker:
 
 
 def _period(twist: Twist2D, stride: float) -> float:
-    """Return the period of a stride [s], shorter where strides of that length are awkward."""
+    """Return the period of a stride [s]; shorter if such strides turn or step too far."""
     x, y, yaw = twist
     period = stride / max(math.hypot(x, y), SLOWEST)
     for rate, most in ((abs(yaw), _TURN_RAD), (abs(y), _ASIDE_M), (-x, _BACK_M)):

@@ -1,4 +1,4 @@
-"""The configured manners."""
+"""Makes walkers with the configured manners."""
 
 from __future__ import annotations
 

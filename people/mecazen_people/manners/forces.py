@@ -1,10 +1,10 @@
 """The social force: how people steer clear of each other, of robots and of obstacles.
 
 D. Helbing & P. Molnár, Social force model for pedestrian dynamics, Phys. Rev. E 51:4282, 1995,
-with their parameters: a drive towards the preferred velocity, a repulsion by potentials that are
-ellipses ahead of others, one by obstacles, and fluctuations. Bodies are points there. So that they
-do not touch, a second repulsion acts over the gap between them: D. Helbing, I. Farkas & T. Vicsek,
-Simulating dynamical features of escape panic, Nature 407:487, 2000.
+with their parameters: a drive towards the preferred velocity, a repulsion by others with elliptic
+potentials ahead of them, a repulsion by obstacles, and fluctuations. The bodies of that model are
+points. A second repulsion acts over the gap between bodies, so that they do not touch: D. Helbing,
+I. Farkas & T. Vicsek, Simulating dynamical features of escape panic, Nature 407:487, 2000.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mecazen.config.world import Box, Cylinder
 from mecazen.portable import Floats, exp, product
 
 RELAXATION_S = 0.5
-"""Helbing & Molnár's τ, as the next five."""
+"""Helbing & Molnár's τ; the next five values are also theirs."""
 POTENTIAL_M2_S2, POTENTIAL_M = 2.1, 0.3
 STRIDE_S = 2.0
 """Time over which a person's ellipse extends ahead [s]."""
@@ -29,11 +29,12 @@ FASTEST = 1.3
 CONTACT_M_S2, CONTACT_M = 25.0, 0.08
 """Helbing, Farkas & Vicsek's A/m and B."""
 FLUCTUATION_M_S2 = 0.1
-"""Standard deviation; Helbing & Molnár leave it open. People who meet head on need a little."""
+"""Standard deviation of fluctuations, which Helbing & Molnár do not give. People who meet head on
+need some to pass each other."""
 STRONGEST_M_S2 = 8.0
 """Maximum acceleration of a person."""
 LEAST_M = 0.05
-"""Potentials are not taken nearer: their gradient grows without bounds."""
+"""Least size of an ellipse at which its potential is used: the gradient grows without bounds."""
 
 
 def repulsion(
@@ -43,9 +44,9 @@ def repulsion(
 
     Args:
         places: Places of the people (n, 2) [m].
-        heading: Unit vectors of where they want to go (n, 2), or zeros.
+        heading: Unit vectors of the directions in which the people want to go (n, 2), or zeros.
         others: Places of the others (m, 2) [m].
-        velocities: Theirs (m, 2) [m/s].
+        velocities: Velocities of the others (m, 2) [m/s].
         touching: Distance of centres at which the bodies touch (n, m) [m]; infinite where there is
             no force, such as from the person themselves.
     """
@@ -78,7 +79,7 @@ def from_obstacles(places: Floats, obstacles: Sequence[Box | Cylinder]) -> Float
 
 
 def nearest(places: Floats, thing: Box | Cylinder) -> tuple[Floats, Floats]:
-    """Return unit vectors (n, 2) away from an obstacle, and distances (n,) [m]; inside negative."""
+    """Return unit vectors (n, 2) away from an obstacle, and distances (n,) [m]; negative inside."""
     apart = places - thing.position_m
     if isinstance(thing, Cylinder):
         distance = np.maximum(_length(apart), 1e-9)
@@ -93,7 +94,7 @@ def nearest(places: Floats, thing: Box | Cylinder) -> tuple[Floats, Floats]:
     outside = np.maximum(over, 0.0)
     distance = _length(outside)
     inside = distance == 0.0
-    # inside, out through the nearest face
+    # inside, the way out leads through the nearest face
     face = np.where(over == over.max(axis=1, keepdims=True), 1.0, 0.0)
     way = np.sign(local) * np.where(inside[:, None], face, outside)
     way /= np.maximum(_length(way), 1e-9)[:, None]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mecazen.config.world import Box, Cylinder
 
 CELL_M = 0.2
-"""Edge of a cell [m]; as the next three of Follow-Bench."""
+"""Edge of a cell [m]; this value and the next three are those of Follow-Bench."""
 SKIP = 5
 """Number of cells from one way-point to the next."""
 NEAR_CELLS, NEAR_AT_MOST = 2, 10
@@ -45,7 +45,7 @@ class Grid:
             taken |= self._covered(thing, taken.shape)
         self.blocked = _inflated(taken, inflation)
         self.heeded = self.blocked.copy()
-        """The blocked cells to which walkers who are near keep their distance."""
+        """Blocked cells from which walkers near by keep their distance."""
 
     @classmethod
     def around(
@@ -61,9 +61,9 @@ class Grid:
         )
 
     def way(self, places: Sequence[Point]) -> list[Point]:
-        """Return the way-points from the first place to the last, past all others.
+        """Return the way-points from the first place to the last, through all others.
 
-        A leg without a free way is a straight line.
+        A leg for which the grid has no free way is a straight line.
         """
         points: list[Point] = []
         for start, goal in pairwise(places):
@@ -102,7 +102,7 @@ class Grid:
         return low_x + CELL_M * column + CELL_M / 2.0, low_y + CELL_M * row + CELL_M / 2.0
 
     def _covered(self, thing: Box | Cylinder, shape: tuple[int, ...]) -> Flags:
-        """Return the cells of an obstacle: of a box, those from corner to corner."""
+        """Return the cells that an obstacle covers; in a box, those of its edges as well."""
         rows, columns = np.indices(shape)
         covered: Flags
         if isinstance(thing, Cylinder):
@@ -119,7 +119,7 @@ class Grid:
         for (row, column), (to_row, to_column) in pairwise((*corners, corners[0])):
             along, up = to_column - column, to_row - row
             outside = up * (columns - column) - along * (rows - row)
-            # a line has the cells whose middles are at most half a cell beside it
+            # an edge has the cells whose middles are at most half a cell outside
             covered &= 2 * outside <= max(abs(along), abs(up))
         return covered
 
@@ -135,7 +135,7 @@ class Grid:
                 break
             if total > best[cell]:
                 continue
-            so_far = total - _straight(cell, goal)  # by a constant less, for the start has 0
+            so_far = total - _straight(cell, goal)  # minus a constant, since the start has 0
             for di, dj in STEPS:
                 i, j = other = cell[0] + di, cell[1] + dj
                 if not (0 <= i < rows and 0 <= j < columns) or blocked[i, j]:
@@ -180,7 +180,7 @@ def _bounds(thing: Box | Cylinder) -> list[Point]:
 
 
 def _inflated(taken: Flags, edge: int) -> Flags:
-    """Return cells grown to squares of an edge [cells]; an even edge reaches farther up."""
+    """Return cells grown to squares of an edge [cells]; if even, farther towards higher indices."""
     if not edge:
         return taken
     below, above = (edge - 1) // 2, edge // 2

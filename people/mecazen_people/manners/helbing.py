@@ -17,7 +17,7 @@ from mecazen_people.manners.walking import Errand, Other, walked
 from mecazen_people.motion import Motion
 
 ARRIVED_M = 0.3
-"""A goal is reached within this distance."""
+"""Distance within which a goal counts as reached [m]."""
 CLEAR_M = 0.8
 """Minimum distance of a start from all people and things [m]."""
 DRAWS = 200
@@ -30,10 +30,10 @@ def drawn(
     taken: Sequence[tuple[float, float]],
     obstacles: Sequence[Box | Cylinder],
 ) -> list[Errand]:
-    """Return errands across an area, each drawn by itself: back and forth between two edges.
+    """Return random errands: back and forth between two edges of an area, drawn independently.
 
-    They begin somewhere on their way, clear of those places that are `taken` [m], of each other and
-    of obstacles where there is room.
+    Each walker starts on the way, clear of the places that are `taken` [m], of other walkers and of
+    obstacles, if there is room.
     """
     errands: list[Errand] = []
     here = list(taken)
@@ -74,10 +74,10 @@ def _is_clear(
 class Pedestrians:
     """Reactive walkers, step by step.
 
-    Fluctuations are drawn for each by themselves: one more of them changes no other's.
+    Each walker has independent fluctuations: a further walker does not change those of the others.
 
     Args:
-        errands: Where each goes.
+        errands: The goals of each walker.
         obstacles: The obstacles of the world.
         radius: Radius of each body [m].
         seed: Seed of the fluctuations.

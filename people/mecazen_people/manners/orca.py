@@ -1,8 +1,8 @@
-"""ORCA in the variant of Follow-Bench: velocities that avoid others, who do half of it.
+"""ORCA in the variant of Follow-Bench: velocities that do half of each avoidance.
 
 J. van den Berg, S. J. Guy, M. Lin & D. Manocha, Reciprocal n-body collision avoidance, Robotics
 Research, 2011. In this variant only the walker's own radius counts, all others are neighbours, and
-blocked cells of the grid have lines of their own. The horizon is 1 s, and one step for those who
+blocked cells of the grid have lines of their own. The horizon is 1 s, or one step for others who
 are nearer than the radius.
 
 Plain numbers are four times as fast as arrays for the twenty lines of a walker.
@@ -62,10 +62,10 @@ def _squared(one: Line) -> float:
 
 
 def line(other: Line, now: Vector, radius: float, share: float) -> Line:
-    """Return the line of another.
+    """Return the line (half-plane) of velocities that avoid another.
 
     Args:
-        other: The way from the walker to the other [m], and the walker's velocity minus theirs.
+        other: Vector from the walker to the other [m], and the walker's velocity minus theirs.
         now: The walker's velocity [m/s].
         radius: Distance to be kept [m].
         share: Part of the change of velocity that the walker makes.
@@ -95,10 +95,9 @@ def line(other: Line, now: Vector, radius: float, share: float) -> Line:
 def _nearest(
     lines: Sequence[Line], wanted: Vector, fastest: float, *, is_way: bool = False
 ) -> tuple[int, Vector]:
-    """Return the best velocity that meets all lines.
+    """Return the number of the first line that can't be met, and the best velocity.
 
-    The number of the first line that can't be met comes with it, or that of all lines, and then
-    the velocity meets those before it.
+    The velocity meets all lines before that line. If all lines are met, the number is their count.
 
     Args:
         lines: The lines, one after the other.
@@ -156,9 +155,9 @@ def _on_line(
 def _least_bad(
     lines: Sequence[Line], failed: int, skipped: int, velocity: Vector, fastest: float
 ) -> Vector:
-    """Return the velocity that violates the lines least, from the first that can't be met on.
+    """Return the velocity that violates the lines least, beginning with the line `failed`.
 
-    As in Follow-Bench, as many lines as there are cells are left out at the beginning.
+    As in Follow-Bench, the first `skipped` lines, as many as there are cells, are left out.
     """
     worst, (x, y) = 0.0, velocity
     for number in range(failed, len(lines)):

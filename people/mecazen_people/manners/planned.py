@@ -1,9 +1,8 @@
 """Walkers who plan a way round obstacles and give way by ORCA or by social forces.
 
-They are the pedestrians of Follow-Bench 1.0.
-They choose velocities one after the other, so each one sees the new places of those before it. A
-walker who touches something brakes. In Follow-Bench a pedestrian
-changes its velocity at once; one with a body needs time.
+They are the pedestrians of Follow-Bench 1.0. They choose velocities one after the other, so each
+walker uses the new places of the walkers before. A walker who touches something brakes. In
+Follow-Bench a pedestrian changes its velocity at once; here the acceleration is limited.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from mecazen_people.manners.walls import Walls
 from mecazen_people.motion import Motion
 
 SKIN_M = 0.1
-"""Addition of ORCA to a body's radius."""
+"""Margin that ORCA adds to a body's radius."""
 GROWN_M = 0.05
-"""A body that touches something when it is grown by this brakes ..."""
+"""Margin of a body; if the body with this margin touches something, the walker brakes ..."""
 BRAKED = 1.0 / 20.0
-"""... to this part of its velocity, after a step of standing."""
+"""... to this share of the velocity, after a step at rest."""
 SLOW_M, ARRIVED_M = 1.0, 0.1
 """Distances of a way-point below which the walker slows down, and stands."""
 
@@ -36,12 +35,12 @@ class Planned:
     """Walkers on ways of the grid, step by step.
 
     Args:
-        errands: Where each goes.
+        errands: The goals of each walker.
         obstacles: The obstacles of the world.
         radius: Radius of each body [m].
-        manners: How they give way.
-        grid: The grid of the ways.
-        acceleration: Their largest acceleration [m/s²].
+        manners: How the walkers give way.
+        grid: The grid on which ways are planned.
+        acceleration: Largest acceleration of a walker [m/s²].
     """
 
     def __init__(
@@ -85,7 +84,7 @@ class Planned:
         return self._grid.way(places) if errand.plans else list(errand.goals)
 
     def _advance(self, n: int, x: float, y: float) -> None:
-        """Go on to the next way-point where this one is reached; the last one is kept."""
+        """Go on to the next way-point once this one is reached; the last one is kept."""
         way, errand = self._ways[n], self._errands[n]
         gx, gy = way[self._next[n]]
         if math.hypot(gx - x, gy - y) >= errand.within:
@@ -143,7 +142,7 @@ class Planned:
 def _approach(
     now: Sequence[float], chosen: tuple[float, float], most: float
 ) -> tuple[float, float]:
-    """Return the velocity nearest to the chosen one that differs from now's by at most `most`."""
+    """Return the velocity nearest to the chosen one that differs from `now` by at most `most`."""
     dx, dy = chosen[0] - now[0], chosen[1] - now[1]
     change = math.sqrt(dx * dx + dy * dy)
     if change <= most:

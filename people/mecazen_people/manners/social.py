@@ -11,9 +11,9 @@ DRIVE_HZ = 1.5
 PEOPLE_M_S2, PEOPLE_M = 7.0, 0.3
 """Strength and range of the repulsion by others."""
 WALL_M_S2, WALL_M = 5.0, 0.25
-"""Likewise by the nearest obstacle."""
+"""Strength and range of the repulsion by the nearest obstacle."""
 REACHED_M = 0.8
-"""Nearer than this the way-point attracts no more."""
+"""Distance below which the way-point no longer attracts."""
 
 
 def velocity(
@@ -33,7 +33,7 @@ def velocity(
         goal: The next way-point [m].
         others: x, y and velocity of each of the others [m, m/s].
         wall: Unit vector away from the nearest obstacle, and its distance [m].
-        safe: Distance at which the others' repulsion has its strength [m].
+        safe: Distance at which the repulsion by others is `PEOPLE_M_S2` [m].
         fastest: Maximum speed [m/s].
     """
     (x, y), (vx, vy) = place, now

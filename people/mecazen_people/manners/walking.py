@@ -17,7 +17,7 @@ STEP_S = 0.1
 SPEED_M_S = 1.5
 """Preferred speed of the pedestrians of Follow-Bench."""
 TURN_HZ = 5.0
-"""Gain by which a body turns to where it goes."""
+"""Gain with which a body turns to its direction of travel."""
 
 
 class Outline(NamedTuple):
@@ -29,7 +29,7 @@ class Outline(NamedTuple):
     yaw: float
 
     def gap(self, dx: float, dy: float) -> float:
-        """Return the distance of a point, given from the place; 0 inside [m]."""
+        """Return the distance of a point from the outline; `dx` and `dy` are from the place [m]."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         along, across = c * dx + s * dy, abs(c * dy - s * dx)
         over = max(along - self.ahead, -self.behind - along, 0.0)
@@ -47,7 +47,7 @@ class Other(NamedTuple):
     radius: float
     outline: Outline | None = None
     is_heeded: bool = True
-    """Whether people give way to it; otherwise they only brake where they touch it."""
+    """Whether people give way to this; otherwise they only brake when they touch it."""
 
     def gap(self, x: float, y: float) -> float:
         """Return the distance of a place from the outline, or else from the disc [m]."""
@@ -62,13 +62,13 @@ class Errand(NamedTuple):
 
     start: Pose2D
     goals: tuple[tuple[float, float], ...]
-    """One after the other."""
+    """Goals, in this order."""
     endless: bool = False
-    """Whether the first comes again after the last."""
+    """Whether the first goal follows again after the last."""
     speed: float = SPEED_M_S
     start_after: float = 0.0
     safe: float = 0.5
-    """Distance to be kept from others beyond the own body [m]: for ORCA and SFM."""
+    """Distance to be kept from others beyond the walker's own body [m]: for ORCA and SFM."""
     plans: bool = True
     """Whether the way leads round obstacles: for ORCA and SFM."""
     within: float = 2.0

@@ -1,4 +1,4 @@
-"""The nearest obstacle to a place, of many at once."""
+"""Finds the obstacle that is nearest to a place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mecazen.config.world import Box, Cylinder
 
 
 class Walls:
-    """Boxes and cylinders on the ground, each a rectangle with a margin.
+    """Boxes and cylinders on the ground, each stored as a rectangle with a margin.
 
     Args:
         obstacles: The obstacles.

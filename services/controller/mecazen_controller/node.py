@@ -42,7 +42,8 @@ class OdometryNode(Node):
         self.pose_covariance = diagonal_covariance(self.config.pose_covariance_diagonal)
         self.twist_covariance = diagonal_covariance(self.config.twist_covariance_diagonal)
         self.wheels_known = False
-        """Whether a sample of joint_states has named the wheels, so that the names are right."""
+        """Whether a sample of joint_states contained all wheel joints, so that the configured names
+        are right."""
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
@@ -52,17 +53,17 @@ class OdometryNode(Node):
         return replace(cls.ROW, inputs=inputs, remap={ODOM.key: config.odometry_key})
 
     def reset(self, seed: int) -> None:
-        """Stand at the start."""
+        """Set the odometry to the start pose, at rest."""
         del seed
         self.pose, self.twist = self.scenario.start.pose, Twist2D()
         self.time = m.Time()
         self.measured_ns: int | None = None
         """Time of the newest wheel measurement [ns]; the pose belongs to this time."""
         self.angles: tuple[float, ...] = ()
-        """Angles of the wheels then [rad]; empty if the measurement had none."""
+        """Wheel angles at `measured_ns` [rad]; empty if the measurement had none."""
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the odometry of a tick, in ticks that bring one."""
+        """Return the odometry, in ticks in which a sample is due."""
         self.time = tick.time
         if self.config.odometry == "ground_truth":
             odometry = self._truth(inputs[GROUND_TRUTH])
@@ -90,10 +91,10 @@ class OdometryNode(Node):
         return self._odometry()
 
     def _move(self, speeds: WheelSpeeds, angles: tuple[float, ...]) -> None:
-        """Move as the wheels turned since the last measurement.
+        """Move the pose as the wheels turned since the last measurement.
 
-        From one tick to the next that is with their present speeds, over missed ticks with the mean
-        of the time between, which their angles give.
+        Over one tick, the present wheel speeds are used. Over missed ticks, the mean speeds are
+        used, which follow from the wheel angles.
         """
         self.twist = mean = self._scaled(speeds)
         last_ns = self.time.ns if self.measured_ns is None else self.measured_ns
@@ -105,7 +106,7 @@ class OdometryNode(Node):
         self.angles = angles
 
     def _scaled(self, speeds: WheelSpeeds) -> Twist2D:
-        """Return the twist of wheel speeds, which the calibration scales axis by axis."""
+        """Return the twist of the wheel speeds; the calibration scales each axis."""
         twist, scale = self.kinematics.forward(speeds), self.config.odometry_scale
         return Twist2D(twist.x * scale.x, twist.y * scale.y, twist.yaw * scale.yaw)
 
@@ -147,7 +148,7 @@ class ControllerNode(Node):
         self.timeout_s = scenario.command_timeout_s
 
     def _drive(self) -> Drive:
-        """Return the limits of the robot as the configured lengths have them."""
+        """Return the limits of the robot, for the configured wheel radius and lever."""
         wheels = self.kinematics
         rim_speed, axes = self.max_speed * wheels.wheel_radius, axis_limits(self.config.limits)
         return Drive(rim_speed, abs(wheels.cross_gain), abs(wheels.lever), axes)
@@ -159,7 +160,7 @@ class ControllerNode(Node):
         return replace(cls.ROW, remap={CMD_VEL.key: config.command_key})
 
     def reset(self, seed: int) -> None:
-        """Be at rest, without a command."""
+        """Set the robot at rest, without a command."""
         del seed
         self.reference = Twist2D()
         self.reference_age_s = math.inf
@@ -170,7 +171,7 @@ class ControllerNode(Node):
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the wheel command of a tick."""
-        if tick.period_s > 0.0:  # else a newer command is to replace that of this tick
+        if tick.period_s > 0.0:  # if 0, a newer command replaces the one of this tick
             self._begin(tick, inputs)
         command = inputs.get(self.command)
         if command is not None:
@@ -186,10 +187,10 @@ class ControllerNode(Node):
         return {JOINT_COMMAND: m.JointState(header=header, name=names, velocity=tuple(speeds))}
 
     def _begin(self, tick: Tick, inputs: Inputs) -> None:
-        """Continue from the last command, or, once the wheels dropped it, from measured motion.
+        """Continue from the last command, or from measured motion once the wheels dropped it.
 
-        During missed ticks the wheels held the command. It continues from there, by what the
-        limits allow in one tick.
+        During missed ticks the wheels held the command. The velocity continues from that command
+        and changes by what the limits allow in one tick.
         """
         self.velocity = self.next_velocity
         joins_late = not self.begun and tick.number > 0
@@ -197,13 +198,13 @@ class ControllerNode(Node):
             try:
                 measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)
             except RefusedError:
-                measured = WheelSpeeds()  # the odometry refuses them
+                measured = WheelSpeeds()  # the odometry node refuses these joint states
             x, y, yaw = map(LimiterState, self.kinematics.forward(measured))
             self.velocity = x, y, yaw
         self.begun = True
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the age of the command, and how often it was too old."""
+        """Return the age of the command, and the number of ticks in which it was too old."""
         if math.isinf(self.reference_age_s):
             return {"reference": "none yet"}
         age_s = round(self.reference_age_s, 6)
@@ -214,7 +215,7 @@ def wheel_speeds(joints: m.JointState, names: tuple[str, ...]) -> WheelSpeeds:
     """Return the velocities of the wheels' joints [rad/s].
 
     Raises:
-        RefusedError: One of them has none.
+        RefusedError: A wheel joint has no velocity.
     """
     velocities = of_wheels(joints, joints.velocity, names)
     if velocities:
@@ -227,8 +228,8 @@ def wheel_speeds(joints: m.JointState, names: tuple[str, ...]) -> WheelSpeeds:
 def of_wheels(
     joints: m.JointState, values: tuple[float, ...], names: tuple[str, ...]
 ) -> tuple[float, ...]:
-    """Return the wheels' values among those of all joints; none if one of them is missing."""
-    if joints.name[: len(names)] == names:  # as physics names them
+    """Select the wheels' values from those of all joints; empty if a wheel is missing."""
+    if joints.name[: len(names)] == names:  # physics publishes the wheels first
         return values[: len(names)] if len(values) >= len(names) else ()
     known = dict(zip(joints.name, values, strict=False))
     return tuple(known[name] for name in names) if known.keys() >= set(names) else ()

@@ -23,7 +23,7 @@ from mecazen_people.paths import make_path
 ROBOT_MARGIN_M = 0.1
 """People keep farther from a robot's corners than from each other."""
 MISSED_AT_MOST = 50
-"""Maximum number of missed steps that are made up for at once after a delay."""
+"""Maximum number of missed steps that are caught up in one tick after a delay."""
 
 
 class CrowdNode(Node):
@@ -46,7 +46,7 @@ class CrowdNode(Node):
         self.heights = [body.height_m for body in bodies]
         self.bodies: list[Body] = []
         if "skeleton" in scenario.sensor.features:
-            # to find a body's gait takes longer than to walk a minute
+            # computing a body's gait takes longer than simulating a minute of walking
             made = {body: Body(body) for body in dict.fromkeys(bodies)}
             self.bodies = [made[body].twin() for body in bodies]
         self.radius = scenario.world.person.radius_m
@@ -63,7 +63,7 @@ class CrowdNode(Node):
         self.pedestrians: Walkers | None = None
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return all people and robots, in ticks in which bodies move."""
+        """Return all people and robots, in ticks in which a sample is due."""
         for name in self.scenario.names:
             self.robots[name] = inputs[of_robot(GROUND_TRUTH, name)]
             if (odometry := inputs.get(of_robot(TARGET_ODOM, name))) is not None:
@@ -124,12 +124,12 @@ class CrowdNode(Node):
         return m.Person(f"walker_{number + 1}", pose, twist, self.heights[number], joints)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return how many walk here."""
+        """Return the number of walkers."""
         return {"walkers": len(self.paths)}
 
 
 def _path(number: int, walker: Walker) -> Path | None:
-    """Return the path of a walker; None where it depends on others."""
+    """Return the path of a walker; None if the walker reacts to others."""
     try:
         return None if isinstance(walker.path, Goal) else make_path(walker.path)
     except ConfigError as error:

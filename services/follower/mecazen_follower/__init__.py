@@ -1,1 +1,1 @@
-"""Estimators and control laws that keep the robot at its place beside the person."""
+"""Estimators and control laws that keep the robot at its goal pose beside the person."""

@@ -1,4 +1,4 @@
-"""Shares out what the robot can do: distance first, then the yaw rate, then the bearing."""
+"""Allocates the robot's speed by priority: distance first, then the yaw rate, then the bearing."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from mecazen.geometry import Twist2D, rotate
 Interval = tuple[float, float]
 """From the lowest to the highest value."""
 ROUNDING = 1e-12
-"""A coefficient below this is one of rounding."""
+"""A coefficient below this value is a rounding error."""
 WORTHWHILE = 1e-6
-"""An axis that turns less of its speed into distance than this is left alone."""
+"""An axis that converts less than this share of its speed into distance is not used."""
 DISTANCE_WEIGHT = 10.0
-"""Weight of a squared speed away from the person against one around them, while accelerating.
+"""Weight of a squared speed away from the person relative to one around them, in acceleration.
 
 With all the weight on the distance, its noise would leave the bearing no acceleration.
 """
 TURN_SHARE = 0.5
-"""Part of the rims' speed that a turn gets before the distance, if it may go first."""
+"""Share of the rim speed that a turn gets before the distance, if `turn_first` is set."""
 
 
 class Wanted(NamedTuple):
@@ -30,7 +30,7 @@ class Wanted(NamedTuple):
     around: float
     yaw: float
     turn_first: bool = False
-    """Whether the yaw rate has `TURN_SHARE` before the distance."""
+    """Whether the yaw rate gets `TURN_SHARE` of the rim speed before the distance."""
 
 
 class Box(NamedTuple):
@@ -41,23 +41,23 @@ class Box(NamedTuple):
     yaw: Interval
 
     def holds(self, twist: Twist2D) -> bool:
-        """Return whether all axes of a twist are within."""
+        """Return whether all axes of a twist are within the box."""
         return all(low <= v <= high for v, (low, high) in zip(twist, self, strict=True))
 
 
 def allocate(
     wanted: Wanted, direction: float, last: Twist2D, drive: Drive, max_speed: float, dt: float
 ) -> Twist2D:
-    """Return the twist in base_link that does what is `wanted` as far as the limits allow.
+    """Return the twist in base_link that is as near to `wanted` as the limits allow.
 
-    First comes the target: the best twist within the limits of speed, see `_in_order`. Then the
-    step towards it: the nearest twist that the axes reach in `dt`, with `DISTANCE_WEIGHT`. Where
-    the wheels are too slow for the step, its parts come in the same order.
+    The target is the best twist within the speed limits, see `_in_order`. The result is the twist
+    nearest to the target that the axes can reach in `dt`, with `DISTANCE_WEIGHT`. If the wheels are
+    too slow for this twist, its parts are served in the same order.
 
     Args:
         wanted: The twist that the control law requests.
-        direction: From the person to the robot, in base_link [rad].
-        last: The twist before, within the limits.
+        direction: Direction from the person to the robot, in base_link [rad].
+        last: The previous twist, within the limits.
         drive: The limits of wheels and axes.
         max_speed: Limit of the planar speed [m/s].
         dt: Time since `last` [s].
@@ -75,11 +75,11 @@ def allocate(
 def _in_order(
     wanted: Wanted, direction: float, box: Box, drive: Drive, max_speed: float
 ) -> Twist2D:
-    """Return the twist of the wheels, within `box`, that does what is wanted in this order.
+    """Return the twist within `box` and the wheel limits that serves `wanted` in order.
 
-    The part away from the person comes as near as possible to what is wanted; then, with that
-    part kept, the yaw rate; then, with both kept, the part around. The twists within the limits
-    are a convex set, so each part has an interval, in closed form.
+    First, the part away from the person comes as near as possible to the wanted value. Then the yaw
+    rate does, with that part kept; then the part around the person, with both kept. The twists
+    within the limits are a convex set, so each part has an interval, in closed form.
     """
     c, s = math.cos(direction), math.sin(direction)
     away, around, yaw, _ = wanted
@@ -101,7 +101,7 @@ def _in_order(
     # v = (c·away - s·around, s·away + c·around), with each axis within the box
     ends = _between([(-s, box.x[1] - c * away), (s, c * away - box.x[0])])
     ends = _common(ends, _between([(c, box.y[1] - s * away), (-c, s * away - box.y[0])]))
-    # the least that the rims need for `away`: where one of the axes does not contribute
+    # the lowest rim speed for `away`: at a point where one of the axes does not contribute
     zeros = [part / by for part, by in ((c * away, s), (-s * away, c)) if abs(by) > ROUNDING]
     needed = min(
         abs(c * away - s * around) + drive.sideways * abs(s * away + c * around)
@@ -127,7 +127,7 @@ def _step(target: Twist2D, direction: float, box: Box) -> tuple[float, float]:
     dx, dy = _nearest(target.x, box.x) - target.x, _nearest(target.y, box.y) - target.y
     c, s, weight = math.cos(direction), math.sin(direction), DISTANCE_WEIGHT
     xx, xy, yy = weight * c * c + s * s, (weight - 1.0) * c * s, weight * s * s + c * c
-    # on each side of the box that is in the way, the other axis is free to make up for it
+    # if a side of the box limits one axis, the other axis can compensate
     steps = [(0.0, 0.0)]
     if dx or dy:
         on_x = dx, _nearest(target.y - xy * dx / yy, box.y) - target.y
@@ -140,7 +140,7 @@ def _step(target: Twist2D, direction: float, box: Box) -> tuple[float, float]:
 def _farthest(c: float, s: float, box: Box, rims: float, sideways: float) -> float:
     """Return the largest c·vx + s·vy in `box` with |vx| + sideways·|vy| <= `rims`.
 
-    The axis that gains more per speed of the rims has the first choice: as with a knapsack.
+    The axis that gains more per rim speed is used first, as in the fractional knapsack problem.
     """
     x, y = _nearest(0.0, box.x), _nearest(0.0, box.y)
     left = max(rims - abs(x) - sideways * abs(y), 0.0)
@@ -165,7 +165,7 @@ def _between(rows: list[tuple[float, float]]) -> Interval:
 
 
 def _common(one: Interval, other: Interval) -> Interval:
-    """Return what two intervals have in common; where rounding parts them, a point of `one`."""
+    """Return the intersection of two intervals; a point of `one` if rounding separates them."""
     low, high = max(one[0], other[0]), min(one[1], other[1])
     return (low, high) if low <= high else (_nearest(low, one),) * 2
 

@@ -1,4 +1,4 @@
-"""Which of those seen is the person: a gate, the likeliest track, and doubt.
+"""Data association: which detection is the person, by a gate, the likeliest track, and doubt.
 
 People walk and do not jump. So a detection outside the gate of the person's track is another
 person, who gets a separate track and is not mistaken for the person later.
@@ -17,17 +17,17 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.measurement import Measurement, has_heading
 
 GATE = 25.0
-"""Gate of a squared Mahalanobis distance in the plane: one in 270,000 is beyond by chance."""
+"""Gate of the squared Mahalanobis distance in the plane: 1 in 270,000 true detections is beyond."""
 NAMELESS_GATE = 9.0
-"""The same of who has no name where others have: a leg of each of two people, taken for a pair,
-stands between both. One in 90 is beyond by chance."""
+"""The same gate for pairs of legs, which have no id: one leg of each of two people can be taken for
+a person between both. 1 in 90 true detections is beyond."""
 APART_M = 0.5
-"""Two people are not nearer to each other: whoever is so near to the person, or to the way that
-they are expected to have gone while out of sight, is the person."""
+"""Minimum distance between two people [m]. A detection that is nearer to the person, or to the path
+that is predicted for the person while out of sight, is the person."""
 SAME_ID = 6.0
 """Bonus of an equal id, as a squared distance: a hint, which can't open the gate."""
 CONFIRMED = 4
-"""Frames after which the person's track is trusted more than who contradicts it."""
+"""Number of frames after which the person's track is trusted more than a detection against it."""
 DOUBT_S = 0.3
 """Time after which detections that contradict the track in every frame replace it [s]; they must
 also last for `CONFIRMED` frames."""
@@ -40,11 +40,11 @@ OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 2.0
 CROWD = 30
 """Maximum number of detections per frame, nearest first; the work grows with its square."""
 FLIP_PROBABILITY = 0.03
-"""Chance of a tracker to take front for back."""
+"""Probability that a tracker confuses front and back."""
 
 
 class Track:
-    """Somebody else: constant velocity, with the same variance along both axes."""
+    """The track of another person: constant velocity, with the same variance along both axes."""
 
     def __init__(self, time: float, seen: Measurement) -> None:
         self.seen_at = time
@@ -92,7 +92,7 @@ class Track:
 class Association:
     """Chooses the person's measurement of every frame.
 
-    `patience` [s] is the time without the person after which another person replaces them.
+    After `patience` [s] without the person, the nearest detection becomes the person.
     """
 
     def __init__(self, patience: float) -> None:
@@ -124,17 +124,17 @@ class Association:
     ) -> tuple[Measurement, bool] | None:
         """Return the person's measurement, and whether it restarts their track.
 
-        It restarts a track that is wrong, or too old to tell anything. None if none of the frame is
+        A restart replaces a track that is wrong or too old. None if no measurement of the frame is
         the person's.
 
         Args:
             time: Time of the frame's capture [s].
-            person: The person's estimate for it; None if they were never seen.
-            expected: Where they would be if the robot were at its place: without an estimate,
-                the nearest to it is the person.
+            person: The person's estimate at `time`; None if the person was never seen.
+            expected: The person's pose if the robot were at its goal: without an estimate, the
+                measurement nearest to this pose is the person's.
             seen: The frame's measurements, each with a known covariance.
             unseen: Time since the person was last seen [s].
-            lost: Whether that is too long for the estimate to be more than a guess.
+            lost: Whether `unseen` is too long for a useful estimate.
             begins: Whether the frame may restart the person's track.
         """
         if not seen:
@@ -156,7 +156,7 @@ class Association:
         found = nearest(named or rest, person.pose)
         self._contradicted = self._contradicted.again(time)
         last = self._last if unseen > DOUBT_S else person.pose
-        # who was out of sight may have stopped anywhere on the way that was expected of them
+        # a person out of sight may have stopped anywhere on the predicted path
         near = bool(named) or from_line(found.pose, last, person.pose) < APART_M
         if begins and (lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))):
             return self._restart(found)
@@ -168,7 +168,7 @@ class Association:
     def _assign(
         self, time: float, person: Estimate, seen: Sequence[Measurement], gate: float
     ) -> tuple[Measurement | None, list[Measurement]]:
-        """Return the person's measurement and those of no known track; update other tracks.
+        """Return the person's measurement and those without a known track; update other tracks.
 
         Pairs of track and measurement are taken in the order of their likelihood.
         """
@@ -211,7 +211,7 @@ class Association:
         return distance + math.log(determinant) - hint(self._identity, seen)
 
     def _accept(self, time: float, person: Estimate, seen: Measurement) -> tuple[Measurement, bool]:
-        """Return a measurement in the gate, turned by half if it shows the person backwards."""
+        """Return a measurement in the gate, turned by 180° if it shows the person backwards."""
         self._hits += 1
         self._last = seen.pose
         self._identity = seen.identity or self._identity
@@ -250,11 +250,11 @@ class Contradiction(NamedTuple):
     frames: int = 0
 
     def again(self, time: float) -> Contradiction:
-        """Return the run with another frame, captured at `time` [s]."""
+        """Return the sequence with one more frame, captured at `time` [s]."""
         return Contradiction(self.since if self.frames else time, self.frames + 1)
 
     def lasts(self, time: float) -> bool:
-        """Return whether it is too long for chance."""
+        """Return whether the sequence is too long to be chance at `time` [s]."""
         return self.frames >= CONFIRMED and time - self.since >= DOUBT_S
 
 
@@ -265,7 +265,7 @@ def forward_speed(person: Estimate) -> float:
 
 
 def is_flipped(innovation: float, variance: float) -> bool:
-    """Return whether a heading is likelier to be seen backwards than to be so far off.
+    """Return whether a flipped heading is likelier than an error of the size of `innovation`.
 
     Args:
         innovation: Observed less predicted heading, wrapped [rad].
@@ -281,7 +281,7 @@ def nearest(seen: Sequence[Measurement], pose: Pose2D) -> Measurement:
 
 
 def from_line(pose: Pose2D, begin: Pose2D, end: Pose2D) -> float:
-    """Return the distance of a pose from the straight line between two others [m]."""
+    """Return the distance of a pose from the line segment between two others [m]."""
     x, y = end.x - begin.x, end.y - begin.y
     along = (pose.x - begin.x) * x + (pose.y - begin.y) * y
     share = min(max(along / max(x * x + y * y, 1e-9), 0.0), 1.0)

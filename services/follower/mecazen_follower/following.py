@@ -20,12 +20,12 @@ from mecazen_follower.polar import ALL_AROUND, UNLIMITED, FieldOfView, PolarCont
 from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 
 MAX_STEP = 0.5
-"""A pose that changes by more than this [m, rad] in a tick ..."""
+"""A pose jumps if it changes by more than this [m, rad] in a tick ..."""
 MAX_SPEED = 10.0
-"""... and faster than this [m/s, rad/s] has jumped, because a client has set the odometry."""
+"""... and faster than this [m/s, rad/s]: a client has set the odometry."""
 
 SEARCH = 1.0
-"""Yaw rate at which a robot that does not see all around looks for a lost person [rad/s]."""
+"""Yaw rate at which a robot without an all-around view searches for a lost person [rad/s]."""
 
 
 class Step(NamedTuple):
@@ -46,7 +46,7 @@ class Step(NamedTuple):
 
 
 class Following:
-    """Keeps the robot at its place beside the person, whom a sensor with a data sheet sees."""
+    """Keeps the robot at its goal beside the person, who is observed by the given sensor."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class Following:
         self._robot: Pose2D | None = None
 
     def configure(self, config: FollowerConfig, drive: Drive, view: FieldOfView) -> None:
-        """Go on with other gains, limits or another place."""
+        """Continue with changed gains, limits or standoff."""
         self._standoff, self._response, self._view = config.standoff, config.response_s, view
         if isinstance(config.control, PidControl):
             assert isinstance(self._controller, PoseController)  # its kind can't change
@@ -83,7 +83,7 @@ class Following:
             self.planner.configure(config, drive)
 
     def step(self, time: float, dt: float, robot: Pose2D, frame: Frame | None) -> Step:
-        """Compute the tick at `time` [s], `dt` [s] after the last, with base_link at `robot`."""
+        """Compute the tick at `time` [s], `dt` [s] after the last one; base_link is at `robot`."""
         if self._robot is not None and _jumped(self._robot, robot, dt):
             self.people.forget()
             self._controller.stop()
@@ -105,7 +105,7 @@ class Following:
         return Step(self._send(command, dt), tracking, unseen, person, goal, errors, plan)
 
     def _search(self) -> Twist2D:
-        """Return rest, or a turn to the side on which the person left the field of view."""
+        """Return the zero twist, or a turn to the side on which the person left the view."""
         twist = self._controller.stop()
         if self.planner is not None:
             self.planner.rest()
@@ -132,7 +132,7 @@ class Following:
         return planned
 
     def _send(self, command: Twist2D, dt: float) -> Twist2D:
-        """Return `command`, noted as pending for `dt` [s]."""
+        """Record `command` as pending for `dt` [s], and return it."""
         if self._response == 0.0:
             return command
         self._pending.append((command, dt))

@@ -14,10 +14,10 @@ from mecazen_follower.estimators.base import MIN_NOISE
 from mecazen_follower.estimators.symmetric import is_positive
 
 NO_HEADING = 100.0
-"""Least variance of a heading that is not observed [rad²]."""
+"""Minimum variance of a heading that is not observed [rad²]."""
 MARGIN = 1e-13
-"""Share of the variances by which a covariance is more than semidefinite: scaling it and adding
-it to others rounds each number by 1e-16 of itself."""
+"""Margin by which a covariance must exceed semidefinite, as a share of its variances: scaling and
+adding covariances rounds each number by a relative 1e-16."""
 
 
 class Measurement(NamedTuple):
@@ -26,7 +26,7 @@ class Measurement(NamedTuple):
     pose: Pose2D
     covariance: PlanarCovariance
     identity: str = ""
-    """The sensor's name for them; empty if it has none."""
+    """The sensor's id of the person; empty if there is none."""
 
 
 def has_heading(measurement: Measurement) -> bool:

@@ -36,21 +36,21 @@ HISTORY_S = 5.0
 """Time beyond the sensor's latency for which odometry is kept for late observations [s]."""
 
 CLEARANCE_M = 0.1
-"""Least distance to be kept between person and robot: as much as following may err."""
+"""Minimum gap between person and robot, for the error of following [m]."""
 LEAST_BESIDE_M = 1.2
-"""Standoff from which a camera beside a person sees both shoulders."""
+"""Minimum standoff at which a camera beside a person sees both shoulders [m]."""
 
 
 BESIDE = math.sin(math.radians(60.0))
-"""Sine of the bearing from which on the robot is beside the person. Turned away from there its
-wheels are too slow to come back, so it leaves whom the camera does not see to the lidar, unless a
-planner is to give up the heading first."""
+"""Sine of the bearing beyond which the robot is beside the person. If the robot turns away from its
+heading there, its wheels are too slow to return. So the robot does not turn to keep the person in
+the camera's view and relies on the lidar, unless the planner gives up the heading first."""
 
 
 class FollowerNode(Node):
-    """Estimates the person from noisy observations and drives the robot to its place.
+    """Estimates the person from noisy observations and drives the robot to its goal.
 
-    An observation is placed with the robot's pose at its capture, however late it comes.
+    An observation is transformed with the robot's pose at its capture, even if it arrives late.
 
     Raises:
         ConfigError: At `follower.standoff_m` the robot would touch the person.
@@ -90,16 +90,16 @@ class FollowerNode(Node):
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
-        """Return the row: scans are for the planner."""
+        """Return the row; without a planner, scans are not an input."""
         if scenario.follower.planner is not None:
             return cls.ROW
         return replace_row(cls.ROW, inputs=tuple(i for i in cls.ROW.inputs if i.topic is not SCAN))
 
     def reset(self, seed: int) -> None:
-        """Forget the person and where the robot was."""
+        """Discard the person and the robot's past poses."""
         sensor, drive = self.sensor, Drive.of(self.scenario)
         view = view_of(self.scenario, sensor, self.config)
-        # scans wait for the frames of a camera, which come later
+        # scans wait for camera frames, which arrive later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         planner = make_planner(self.scenario, sensor, seed)
         self.following = Following(self.config, sensor, drive, view, hold_s, planner)
@@ -107,7 +107,7 @@ class FollowerNode(Node):
         self.state: m.FollowerState | None = None
 
     def configure(self, scenario: Scenario) -> None:
-        """Drive differently from now on, or to another place."""
+        """Use the changed configuration from now on."""
         super().configure(scenario)
         view = view_of(scenario, self.sensor, self.config)
         self.following.configure(self.config, Drive.of(scenario), view)
@@ -122,7 +122,7 @@ class FollowerNode(Node):
         robot = odom.pose.pose.to_planar()
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
-        # persons are found by their legs as well; where there is a camera, they begin by that
+        # legs are observations too; with a camera, only camera frames can start a track
         legs = self._frame(tick.time_ns, inputs, LEGS)
         if legs is not None:
             self.following.people.add(legs._replace(begins=self.sensor.kind == "legs"))
@@ -130,11 +130,11 @@ class FollowerNode(Node):
         frame = self._frame(tick.time_ns, inputs, OBSERVATION)
         step = self.following.step(time_s, period_s, robot, frame)
         self.state = _state(odom.header, self.config.estimator, step)
-        # the state before the command: who has the command of a tick has all of the tick
+        # the state precedes the command: a client that has a tick's command has all of the tick
         return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(step.command)}
 
     def _take_scan(self, inputs: Inputs) -> None:
-        """Give a scan to the planner, placed with the robot's pose at its capture."""
+        """Pass a scan to the planner, transformed with the robot's pose at its capture."""
         scan, planner = inputs.get(SCAN), self.following.planner
         if scan is None or planner is None:
             return
@@ -160,11 +160,11 @@ class FollowerNode(Node):
     def _read(self, now_ns: int, message: m.Observation) -> Frame:
         """Return the persons of a frame in odom.
 
-        A pose in another frame than `base_link` (world, odom) is taken to be in odom already.
+        A pose in a frame other than `base_link` (world, odom) is assumed to be in odom.
 
         Raises:
-            RefusedError: It was captured when the robot's pose is not known, a pose or covariance
-                is invalid, or some ids are missing.
+            RefusedError: The robot's pose at the capture is unknown, a pose or covariance is
+                invalid, or some ids are missing.
         """
         if message.ids and len(message.ids) != len(message.poses):
             raise RefusedError(f"{len(message.ids)} ids for {len(message.poses)} poses")
@@ -183,17 +183,17 @@ class FollowerNode(Node):
         return Frame(self._captured(now_ns, message.header.stamp.ns), measurements)
 
     def _captured(self, now_ns: int, stamp_ns: int) -> float:
-        """Return when a frame was captured [s]: as its stamp says, if it can be.
+        """Return the time of a frame's capture [s]: its stamp, if it is plausible.
 
-        A stamp of 0 is none, as in ROS, and one of another clock tells nothing: then the data
-        sheet's latency is all that is known.
+        A stamp of 0 is no stamp, as in ROS, and a stamp of another clock is not usable. In these
+        cases the capture is estimated from the latency in the data sheet.
         """
         if self.robot.span_ns[0] <= stamp_ns <= now_ns:
             return stamp_ns / NS_PER_S
         return now_ns / NS_PER_S - self.sensor.latency_s
 
     def diagnostics(self) -> dict[str, object]:
-        """Return how well it follows, and the filter's consistency."""
+        """Return the tracking state, the distance error and the filter's consistency (NIS)."""
         values: dict[str, object] = {"nis": self.following.people.estimator.nis}
         if self.state is not None:
             values["tracking"] = self.state.tracking
@@ -237,7 +237,7 @@ def make_planner(scenario: Scenario, sensor: SensorConfig, seed: int) -> Planner
 
 
 def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:
-    """Return where that sensor is to keep the person, for which the robot turns."""
+    """Return the field of view in which the robot keeps the person, by turning."""
     camera = "tracker" in sensor.features
     centre = math.radians(scenario.robot.camera.yaw_deg) if camera else 0.0
     view = kept_view(math.radians(sensor.fov_deg), centre)
@@ -268,7 +268,7 @@ def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:
 
 
 def _odometry(header: m.Header, person: Estimate) -> m.Odometry:
-    """Return an estimate as a message: the velocity turned into the person's own frame."""
+    """Return an estimate as a message, with the velocity in the person's frame."""
     vx, vy = rotate(person.velocity.x, person.velocity.y, -person.pose.yaw)
     pose = m.PoseWithCovariance(
         pose=m.Pose.planar(person.pose), covariance=ros_covariance(person.covariance)

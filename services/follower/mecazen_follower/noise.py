@@ -1,4 +1,4 @@
-"""Whether the sensor is worse than it reports."""
+"""Detects a sensor that is noisier than it reports."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, wrap
 
 MEMORY_S = 5.0
-"""Time constant of the mean."""
+"""Time constant of the mean [s]."""
 LONGEST_FRAME_S = 0.1
-"""Between frames further apart, the person's own acceleration is more than the noise."""
+"""Longest frame period [s]: over a longer period the person's acceleration exceeds the noise."""
 DOUBTED, MAX_RATIO = 1.5, 9.0
-"""Ratios of the variance: below the first it may be chance; the second bounds it."""
+"""Ratios of variances: a ratio below `DOUBTED` may be chance; `MAX_RATIO` is the upper bound."""
 
 
 class ReportedNoise:
     """The sensor's actual variances relative to those that it reports, of position and yaw.
 
-    The second difference of three frames z, z' - 2 z + z'', holds nearly none of the person's
-    motion, and six times the variance of white noise. No model of motion is needed, so a
+    The second difference of three frames z, z' - 2 z + z'', contains almost none of the person's
+    motion and has six times the variance of white noise. No model of motion is needed, so a
     manoeuvre is not taken for noise. A sensor that is better than it reports does no harm.
     """
 
@@ -55,7 +55,7 @@ class ReportedNoise:
         return position, heading
 
     def corrected(self, covariance: PlanarCovariance) -> PlanarCovariance:
-        """Return a reported covariance, scaled where the sensor is found to be worse."""
+        """Return a reported covariance, scaled up if the sensor is noisier than it reports."""
         position, heading = self._applied
         if position == heading == 1.0:
             return covariance

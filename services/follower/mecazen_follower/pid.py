@@ -41,9 +41,9 @@ class PID:
 class PoseController:
     """PIDs for linear x, linear y and angular z in base_link, on the error of the goal pose.
 
-    The derivative acts on the robot's body twist, taken from two consecutive poses. It never
-    sees the goal's pose, which jumps with every observation, nor the goal's apparent motion in
-    base_link when the robot turns.
+    The derivative acts on the robot's body twist, taken from two consecutive poses. The goal's
+    pose, which jumps with every observation, does not affect it, nor does the goal's apparent
+    motion in base_link when the robot turns.
 
     With feed-forward, the goal's velocity is added to the output and subtracted from the
     measured rate, so the derivative damps only deviations from it. Without feed-forward the
@@ -58,7 +58,7 @@ class PoseController:
         self._last: Pose2D | None = None
 
     def configure(self, law: PidControl) -> None:
-        """Go on with other gains."""
+        """Continue with other gains."""
         self._x.gains, self._y.gains, self._yaw.gains = law.x, law.y, law.yaw
         self._feed_forward = law.feed_forward
 
@@ -73,7 +73,7 @@ class PoseController:
         if self._feed_forward:
             x, y = rotate(goal_velocity.x, goal_velocity.y, -robot.yaw)
             expected = Twist2D(x, y, goal_velocity.yaw)
-        # at the first call the twist is not known yet: nothing to damp
+        # at the first call the twist is unknown: no damping
         measured = expected
         if self._last is not None:
             moved = self._last.between(robot)
@@ -86,7 +86,7 @@ class PoseController:
         )
 
     def resume(self, twist: Twist2D) -> None:
-        """Reset the integrals, which do not belong to the twist that was commanded instead."""
+        """Reset the controller: its integrals do not match the twist that was commanded instead."""
         del twist
         self.stop()
 

@@ -14,16 +14,17 @@ from mecazen_follower.allocation import Wanted, allocate
 
 UNLIMITED = Drive()
 HEADROOM = 0.2
-"""Part of the wheels' speed that the person's should leave, or else the robot turns to them."""
+"""Share of the wheel speed to keep in reserve; if following uses it, the robot turns to the
+person."""
 
 MARGIN = math.radians(15.0)
-"""Between where the person is kept and the edge of the field of view [rad]."""
+"""Angle between the kept view of the person and the edge of the field of view [rad]."""
 
 
 def approach(error: float, gain: float, deceleration: float) -> float:
     """Return the rate at which to reduce `error`: proportional, with a `gain` [1/s].
 
-    It is limited to √(2 a e), the speed from which the deceleration a stops within e.
+    The rate is limited to √(2 a e), the speed from which the deceleration a stops within e.
     """
     size = abs(error)
     return math.copysign(min(gain * size, math.sqrt(2.0 * deceleration * size)), error)
@@ -40,10 +41,10 @@ ALL_AROUND = FieldOfView()
 
 
 def kept_view(fov: float, centre: float = 0.0) -> FieldOfView:
-    """Return where to keep the person for a sensor with a field of view `fov` about `centre` [rad].
+    """Return the view in which to keep the person, for a field of view `fov` about `centre` [rad].
 
-    It leaves a margin to the edge of the field of view, in which the robot turns when the person
-    goes that way.
+    The result leaves a margin to the edge of the field of view. The robot turns when the person
+    enters this margin.
     """
     return ALL_AROUND if fov >= math.tau else FieldOfView(max(fov / 2 - MARGIN, fov / 4), centre)
 
@@ -54,8 +55,8 @@ class PolarController:
     Feed-forward moves the robot like a body fixed to the person. Feedback corrects the distance
     along the line to the person, the bearing across it, and the heading: docs/following.md.
 
-    The bearing counts as an arc length [m]. `drive` is what the robot can do, and `view` where the
-    person is to be kept.
+    The bearing error is an arc length [m]. `drive` contains the limits of the robot, and `view` the
+    field of view in which to keep the person.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class PolarController:
     def configure(
         self, standoff: Standoff, law: PolarControl, drive: Drive, view: FieldOfView
     ) -> None:
-        """Go on with other gains, limits or another place."""
+        """Continue with changed gains, limits or standoff."""
         self._standoff, self._law, self._drive, self._view = standoff, law, drive, view
 
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
@@ -91,12 +92,12 @@ class PolarController:
         direction = bearing - robot.yaw  # in base_link
 
         away, around = rotate(*with_person, -bearing)
-        # of the person, from the heading of the goal
+        # direction of the person, relative to the goal's heading
         centre = self._view.centre
         off = wrap(bearing + math.pi - goal.yaw - centre) + centre
         facing = self._facing(rotate(*with_person, -goal.yaw), off)
         if abs(off - facing - centre) >= self._view.half and distance > 0.0:
-            # the heading then follows the person across the view
+            # at the edge of the view, the heading follows the person
             turn_to_person = rotate(self._last.x, self._last.y, -direction)[1] - around
             feed_forward = turn_to_person / distance
         else:
@@ -115,10 +116,11 @@ class PolarController:
     def _facing(self, velocity: tuple[float, float], off: float) -> float:
         """Return how far to turn from the heading of the goal towards the person [rad].
 
-        Facing the person, the wheels reach their full speed along the line to them, and the
-        bearing gives way until they reach the person's. So the robot turns as far as the person's
-        `velocity`, along the axes of the goal, takes the wheels near their limit. It also turns
-        until the person is in view. `off` is where they are from the heading of the goal [rad].
+        If the robot faces the person, it reaches its full speed along the line to the person, and
+        the bearing yields until the robot is fast enough. So the robot turns the more, the nearer
+        the person's `velocity`, along the axes of the goal, takes the wheels to their limit. The
+        robot also turns until the person is in view. `off` is the person's direction from the
+        goal's heading [rad].
         """
         x, y = velocity
         used = (abs(x) + self._drive.sideways * abs(y)) / self._drive.rim_speed
@@ -127,7 +129,7 @@ class PolarController:
         return off - min(max(off - facing, centre - half), centre + half)
 
     def resume(self, twist: Twist2D) -> None:
-        """Go on from a twist in base_link that was commanded in place of the last one."""
+        """Continue from a twist in base_link that was commanded instead of the last output."""
         self._last = twist
 
     def stop(self) -> Twist2D:

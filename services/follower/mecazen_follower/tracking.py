@@ -1,4 +1,4 @@
-"""The tracked person: from frames of the sensor to an estimate for now."""
+"""The tracked person: from frames of the sensor to an estimate at the present time."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from mecazen_follower.measurement import Measurement, has_heading
 from mecazen_follower.noise import ReportedNoise
 
 MISSED_FRAMES = 1.5
-"""Periods of the sensor without an observation: a frame has been missed."""
+"""Number of sensor periods without an observation after which a frame counts as missed."""
 
 BIAS_STD = {
     "body": (0.018, math.radians(5.4)),
     "fused": (0.018, math.radians(5.4)),
     "legs": (0.05, 0.0),
 }
-"""Errors of place [m] and heading [rad] that frames share, by kind of sensor, so that no filter
-averages them out. With a camera they are the tracker's bias over the view (0.011 m of the trunk's
-joints, 3.6° of the lines through hips and shoulders) and the body's sway and twist of
-`perception.body`; legs stand behind the person's place, as the gait has it."""
+"""Errors of position [m] and heading [rad] that all frames share, by kind of sensor, so that no
+filter averages them out. For a camera they are the tracker's bias over the view (0.011 m of the
+trunk's joints, 3.6° of the lines through hips and shoulders) and the body's sway and twist of
+`perception.body`. For legs it is their offset behind the person's position, due to gait."""
 
 GUESS_RAD = math.radians(45.0)
 """Standard deviation of a heading that is not observed."""
 
 
 class TrackingState(StrEnum):
-    """How well the follower knows where the person is."""
+    """How well the follower knows the person's position."""
 
     WAITING = "waiting"
     """Not seen yet; the robot stands."""
@@ -52,18 +52,18 @@ class Frame(NamedTuple):
     captured: float
     measurements: Sequence[Measurement]
     begins: bool = True
-    """Whether the person may be found by it, and not only followed."""
+    """Whether the frame may start the person's track, and not only continue it."""
 
 
 class PersonTracker:
-    """Estimates the person from frames that show anybody, in any order, and that come late.
+    """Estimates the person from frames that show any people in any order, and that arrive late.
 
-    The estimator's time is that of the captures: it stays behind the present by the latency
-    of the frames, which their stamps tell, and the estimate is propagated by it.
+    The estimator's time is that of the captures: it is behind the present by the latency of the
+    frames, which their stamps show. The returned estimate is propagated by this latency.
 
     Args:
-        config: The follower's.
-        sensor: Its data sheet.
+        config: The follower's configuration.
+        sensor: The sensor's data sheet.
         hold: Time for which a frame is held back, so that frames of several sensors are used in
             the order of their captures [s].
     """
@@ -83,9 +83,9 @@ class PersonTracker:
         self._noise = ReportedNoise()
         self._latency = sensor.latency_s
         self._time: float | None = None
-        """The estimator's."""
+        """The estimator's time [s]."""
         self._captured = {True: -math.inf, False: -math.inf}
-        """When the newest frame with anybody was, of those that begin and of others."""
+        """Capture time of the newest frame with a person [s], by `Frame.begins`."""
         self._hold = hold
         self._waiting: list[Frame] = []
 
@@ -95,16 +95,16 @@ class PersonTracker:
         self._association.reset()
 
     def add(self, frame: Frame) -> None:
-        """Give a frame for the next step, beside the one that it takes."""
+        """Add a frame for the next step, in addition to the step's `frame`."""
         self._waiting.append(frame)
 
     def step(self, time: float, frame: Frame | None, expected: Pose2D) -> Estimate | None:
-        """Return the person at `time` [s]; None before they were seen.
+        """Return the person at `time` [s]; None before the first detection.
 
         Args:
-            time: Now [s]; `state` and `unseen` are those of now as well.
+            time: The present time [s]; `state` and `unseen` are updated to it.
             frame: The newest frame, if one came.
-            expected: Where the person would be if the robot were at its place.
+            expected: The person's pose if the robot were at its goal.
         """
         if frame is not None:
             self._waiting.append(frame)
@@ -128,7 +128,7 @@ class PersonTracker:
             self.state = TrackingState.FOLLOWING
 
     def _due(self, time: float) -> list[Frame]:
-        """Take out the frames that are held back no longer, in the order of their captures."""
+        """Remove and return the frames that are no longer held back, in order of capture."""
         until = time - self._hold + 1e-9
         due = [frame for frame in self._waiting if frame.captured <= until]
         if due:
@@ -181,7 +181,7 @@ class PersonTracker:
         return True
 
     def _predict(self, time: float) -> float:
-        """Propagate the estimator to `time` [s], unless it is there; return its time."""
+        """Propagate the estimator to `time` [s], unless its time is later; return its time."""
         if self._time is None:
             self._time = time
         elif time > self._time:
@@ -191,10 +191,10 @@ class PersonTracker:
 
 
 def _biased(person: Estimate, place_std: float, yaw_std: float) -> Estimate:
-    """Return an estimate whose covariance considers a bias, as if all of it were in the estimate.
+    """Return an estimate whose covariance includes the full variance of a bias.
 
-    The filter does not estimate it: a consider parameter, with the gain at its limit of 1.
-    S. F. Schmidt, Application of state-space methods to navigation problems, 1966.
+    The filter does not estimate the bias: it is a consider parameter, with the gain at its limit of
+    1. S. F. Schmidt, Application of state-space methods to navigation problems, 1966.
     """
     (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = person.covariance
     place, yaw = place_std * place_std, yaw_std * yaw_std
@@ -203,9 +203,9 @@ def _biased(person: Estimate, place_std: float, yaw_std: float) -> Estimate:
 
 
 def _headed(one: Measurement, person: Estimate | None, expected: Pose2D) -> Measurement:
-    """Return a measurement without a heading with the one that it does not contradict.
+    """Fill in the heading of a measurement without one from the estimate.
 
-    Before the person is known it is as if the robot were at its place, give or take `GUESS_RAD`.
+    Before the person is known, the heading is that of `expected`, with the deviation `GUESS_RAD`.
     """
     if has_heading(one):
         return one

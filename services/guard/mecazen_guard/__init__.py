@@ -1,1 +1,1 @@
-"""Lets through what can still be stopped before anything that the lidar sees is touched."""
+"""Limits commands so that the robot can stop before it touches anything that the lidar sees."""

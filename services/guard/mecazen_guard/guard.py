@@ -1,11 +1,11 @@
-"""How much of a wanted twist can be let through: what can be stopped before anything is touched.
+"""Limits a wanted twist so that the robot can stop before it touches anything.
 
-Before each tick the robot is predicted: it follows the twist for a tick and for the reaction time,
-which includes the time for which a silent guard is obeyed, then every axis brakes as the controller
-brakes it. A twist is safe if in that time the robot's
-outline keeps its margin from every point, or comes no nearer than by braking at once. So there is
-always a safe twist, rest, and motion away from everything near is never held back. The idea is the
-inevitable collision states of T. Fraichard & H. Asama, Advanced Robotics 18, 2004.
+Before each tick the robot's motion is predicted: it follows the twist for a tick and for the
+reaction time, then every axis brakes as the controller brakes it. The reaction time includes the
+time for which the robot obeys a silent guard. A twist is safe if in that time the robot's outline
+keeps its margin from every point, or comes no nearer than by braking at once. So rest is always a
+safe twist, and motion away from all near points is never limited. The idea is the inevitable
+collision states of T. Fraichard & H. Asama, Advanced Robotics 18, 2004.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from mecazen.geometry import Twist2D
 from mecazen.geometry_batch import Floats, to_rectangle
 
 BRAKING = 0.9
-"""Share of the deceleration limit that is counted on: the wheels lag a little."""
+"""Share of the deceleration limit that the prediction assumes: the wheels lag a little."""
 STEP_M = 0.04
-"""No corner moves farther from one predicted pose to the next, as far as MOST_GROUPS allow."""
+"""Maximum motion of a corner between predicted poses, as far as MOST_GROUPS allow [m]."""
 SEARCHED = 3
 """Step of the search through the poses; the result is then checked against all poses."""
 LEAST_GROUPS, MOST_GROUPS = 2, 8
 SHARES = np.array((0.04, 0.1, 0.2, 0.35, 0.5, 0.65, 0.78, 0.87, 0.93, 0.97, 1.0))
-"""So much is tried of what may be let through; it mostly changes a little from tick to tick."""
+"""Shares of the allowed maximum that the search tries, with small steps near 1: the share usually
+changes little from tick to tick."""
 LEAST_SHARE = 1e-3
-"""Less is rest."""
+"""A smaller share becomes rest."""
 FALLBACK = np.array((1.0, 0.96, 0.8))
 """Shares of the search's result that are checked against all poses."""
 RECOVERY_S = 0.5
-"""The share grows from 0 to 1 in no less time: noise of the lidar does not make it chatter."""
+"""Minimum time in which the share grows from 0 to 1: noise of the lidar causes no chatter [s]."""
 TOLERANCE_M = 1e-6
 BESIDE_M = 0.15
 """The search ignores points whose clearance exceeds the required one by this much [m]."""
@@ -48,13 +49,13 @@ class Points(NamedTuple):
     """N points that the robot must not touch, in one frame."""
 
     xy: Floats = NONE
-    """Places, (N, 2) [m]."""
+    """Positions (N, 2) [m]."""
     velocity: Floats = NONE
-    """(N, 2) [m/s]."""
+    """Velocities (N, 2) [m/s]."""
     margin: Floats = np.empty(0)
-    """The clearance that each is to keep [m]."""
+    """The clearance to keep from each point [m]."""
     stops: npt.NDArray[np.bool_] = np.empty(0, bool)
-    """Whether it comes to rest at once, within `stop_s`, instead of going on."""
+    """Whether the point stops within `stop_s`, instead of continuing at its velocity."""
 
 
 class Verdict(NamedTuple):
@@ -62,9 +63,10 @@ class Verdict(NamedTuple):
 
     twist: Twist2D
     factor: float = 1.0
-    """How much of the wanted twist it is."""
+    """Share of the wanted twist."""
     distance: float = math.inf
-    """From the outline to the nearest point, or to the one in the way if some is [m]."""
+    """Distance from the outline to the nearest point, or to the blocking point if there is one
+    [m]."""
     bearing: float = 0.0
     """Bearing of that point from the x axis [rad]."""
 
@@ -74,9 +76,9 @@ class Guard:
 
     Args:
         footprint: Half the length and half the width of the robot [m].
-        drive: The limits of its wheels and of its controller.
-        reaction_s: From a decision until the wheels follow.
-        stop_s: Time in which what walks away comes to rest.
+        drive: The limits of the wheels and of the controller.
+        reaction_s: Time from a decision until the wheels follow [s].
+        stop_s: Time in which a walking person stops [s].
     """
 
     def __init__(
@@ -88,7 +90,7 @@ class Guard:
         self.begin(Twist2D())
 
     def configure(self, drive: Drive, reaction_s: float, stop_s: float) -> None:
-        """Go on with other limits and times; see `Guard`."""
+        """Continue with changed limits and times; see `Guard`."""
         self._drive, self.stop_s = drive, stop_s
         self._gains = np.array((1.0, drive.sideways, drive.lever))[:, None, None]
         self._reaction_s = reaction_s + max(
@@ -103,7 +105,7 @@ class Guard:
         self._fastest = np.array([axis.velocity for axis in drive.axes])
 
     def begin(self, twist: Twist2D) -> None:
-        """Begin with a robot that moves with `twist`."""
+        """Restart with a robot that moves with `twist`."""
         x, y, yaw = map(LimiterState, twist)
         self._state = (x, y, yaw)
         self._let_through = twist
@@ -111,13 +113,13 @@ class Guard:
         self._dt = 0.0
 
     def step(self, wanted: Twist2D, points: Points, age_s: float, dt: float) -> Verdict:
-        """Return what is let through in a tick of `dt` [s]; 0: that of this tick is done again.
+        """Return the verdict of a tick of `dt` [s]; with 0 the current tick is decided again.
 
         Args:
             wanted: The commanded twist.
             points: The points that the robot must not touch, in base_link.
             age_s: Time since the points were measured [s].
-            dt: Time since the last tick.
+            dt: Time since the last tick [s].
         """
         if dt > 0.0:
             self._state = self._drive.limited(self._state, self._let_through, dt)
@@ -141,7 +143,8 @@ class Guard:
             speeds.append(speed)
             paths.append(speed * (hold + braking / 2.0))
             horizon = max(horizon, hold + braking)
-        # The middle stays in a box, however the robot turns; its outline in a circle about that.
+        # The middle stays in a box, for any turn of the robot; the outline in a circle about the
+        # middle.
         length = math.hypot(paths[0], paths[1])
         turned = min(paths[2], 2.0) * length
         reach = points.margin + self._corner + turned
@@ -174,7 +177,7 @@ class Guard:
         points: Points,
         nearest: tuple[float, float],
     ) -> Verdict:
-        """Return the largest share, of the twist or of its part past what is in the way."""
+        """Return the largest safe share of the twist, or of its part past the blocking point."""
         whole, part = scene.first[0], scene.first[-1]
         worst = int(np.argmin(whole))
         if whole[worst] >= 0.0:
@@ -208,7 +211,7 @@ class Guard:
         return float(clearances[least]), math.atan2(y, x)
 
     def _past(self, twist: Floats, point: Floats) -> Floats | None:
-        """Return the twist without its part towards a point; None where it has none, or no rest."""
+        """Return the twist without its part towards a point; None if either part is zero."""
         half = np.array(self._footprint)
         away = point - np.clip(point, -half, half)
         distance = math.hypot(*away)
@@ -223,14 +226,14 @@ class Guard:
         return past if np.any(np.abs(past) > 1e-3) else None
 
     def speeds(self, moving: Floats, hold: float, middles: Floats) -> tuple[Floats, ...]:
-        """Return the bounds of speeds at M times and the braking by then; (3, M) each."""
+        """Return lower and upper speed bounds, and the braking, at M times: (3, M) each."""
         up, down = self._changes
         growing = np.minimum(middles, hold)
         low, high = bounds(moving[:, None], up * growing, down * growing)
         return low, high, BRAKING * down * np.maximum(middles - hold, 0.0)
 
     def poses(self, twists: Floats, envelope: tuple[Floats, ...], step: float) -> Floats:
-        """Return predicted poses in base_link, (3, C, M): x, y, yaw, a `step` [s] apart.
+        """Return predicted poses in base_link (3, C, M): x, y, yaw, in intervals of `step` [s].
 
         The robot follows each of C twists within the bounds of `speeds` and the limits of its axes.
         """
@@ -248,7 +251,7 @@ class Guard:
     def clearances(self, poses: Floats, xy: Floats) -> Floats:
         """Return the distance of points from the outline at poses, (C, M, N); inside negative.
 
-        The points are (M, N, 2): where each is at the time of each pose.
+        The points (M, N, 2) are the positions at the time of each pose.
         """
         x, y, yaw = poses[..., None]
         c, s = np.cos(yaw), np.sin(yaw)
@@ -261,7 +264,7 @@ def _square(vector: Floats) -> float:
 
 
 class _Scene:
-    """The predictions of one tick: what is near, where it goes, and how near rest would come."""
+    """The predictions of one tick: the near points, their motion, and their clearance at rest."""
 
     def __init__(
         self,
@@ -291,7 +294,7 @@ class _Scene:
         self._rest, *least = self._least(np.array((np.zeros(3), *first)))
         self._wanted = np.minimum(points.margin, self._rest - TOLERANCE_M)
         self.first = [one - self._wanted for one in least]
-        """`spare` of the whole twist, and of the recovered share of it if that is less."""
+        """`spare` of the whole twist, and of its recovered share if that is less than 1."""
 
     def _least(self, twists: Floats) -> Floats:
         poses = self._guard.poses(twists, self._envelope, self._step_s)
@@ -299,16 +302,16 @@ class _Scene:
         return least
 
     def spare(self, twists: Floats) -> Floats:
-        """Return by how much each point's clearance is more than it must be, (C, N) [m]."""
+        """Return by how much each point's clearance exceeds the required one (C, N) [m]."""
         spare: Floats = self._least(twists) - self._wanted
         return spare
 
     def approaches(self, spare: Floats) -> bool:
-        """Return whether what spares so much comes nearer to some point than rest."""
+        """Return whether a twist with this `spare` comes nearer to a point than braking at once."""
         return bool(np.any(spare + self._wanted < self._rest - TOLERANCE_M))
 
     def among(self, points: npt.NDArray[np.bool_]) -> _Scene:
-        """Return the same for some of the points, at some of the poses."""
+        """Return the scene reduced to some of the points and every `SEARCHED`-th pose."""
         few = copy(self)
         few._every = slice(SEARCHED - 1, None, SEARCHED)
         xy = self._xy if len(self._xy) == 1 else self._xy[few._every]
@@ -317,7 +320,7 @@ class _Scene:
         return few
 
     def share(self, twist: Floats, most: float) -> float:
-        """Return the largest share of a twist up to which all are safe, and at most `most`."""
+        """Return the largest share, at most `most`, up to which all shares of a twist are safe."""
         shares = most * SHARES
         spare = self.spare(shares[:, None] * twist).min(axis=1)
         unsafe = spare < 0.0
@@ -327,6 +330,6 @@ class _Scene:
         below = float((self._rest - self._wanted).min()), 0.0
         if first:
             below = float(spare[first - 1]), float(shares[first - 1])
-        # near enough to a straight line, since the result is checked again
+        # linear interpolation is accurate enough, since the result is checked again
         part = 0.9 * below[0] / (below[0] - float(spare[first]))
         return below[1] + (float(shares[first]) - below[1]) * part

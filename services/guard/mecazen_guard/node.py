@@ -1,4 +1,4 @@
-"""The guard's node: from cmd_vel and the scans to what the controller obeys."""
+"""The guard's node: from cmd_vel and the scans to the command for the controller."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from mecazen_guard.surroundings import Surroundings
 HISTORY_NS = 10**9
 """Time for which poses are kept [ns]; older scans are refused."""
 JUMP_M = 0.5
-"""Odometry that moves farther in a tick was set."""
+"""If the odometry moves farther in a tick, a client has set it [m]."""
 STOPPED = 0.02
-"""With a smaller factor the robot stands."""
+"""With a smaller factor the reported state is `stop`."""
 SIDES = "ahead", "to the left", "behind", "to the right"
 
 
 class GuardNode(Node):
-    """Lets through what can still be stopped; nothing while the lidar can't be relied on."""
+    """Limits the command so that the robot can stop in time; zero if the lidar is unreliable."""
 
     ROW = TABLE["guard"]
 
@@ -46,7 +46,7 @@ class GuardNode(Node):
         )
 
     def configure(self, scenario: Scenario) -> None:
-        """Keep other margins from now on, or count on other limits of the controller."""
+        """Use changed margins, and changed limits of the controller, from now on."""
         super().configure(scenario)
         config = scenario.guard
         self.timeout_s = scenario.controller.reference_timeout_s
@@ -55,11 +55,11 @@ class GuardNode(Node):
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
-        """Return the row with the key of the command that the controller names."""
+        """Return the row with the command key that the controller's configuration names."""
         return replace(cls.ROW, remap={CMD_VEL.key: scenario.controller.command_key})
 
     def reset(self, seed: int) -> None:
-        """Know nothing, and let nothing through before the first scan."""
+        """Discard all scans and poses; the robot rests until the first scan."""
         del seed
         self.surroundings.forget()
         self.poses = PoseHistory(HISTORY_NS)
@@ -69,8 +69,8 @@ class GuardNode(Node):
         self.state = m.GuardState(state="blind")
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return what is let through in a tick, and why not all."""
-        if tick.period_s > 0.0:  # else a newer command is to replace that of this tick
+        """Return the limited command of a tick, and the guard's state with the reason."""
+        if tick.period_s > 0.0:  # if 0, a newer command replaces the one of this tick
             self._place(tick, inputs[ODOM])
         if (scan := inputs.get(SCAN)) is not None:
             self._see(tick.time_ns / 1e9, scan, inputs)
@@ -96,7 +96,7 @@ class GuardNode(Node):
 
     @property
     def _obeyed_s(self) -> float:
-        """Longest time for which the robot follows a command, if no other comes [s]."""
+        """Longest time for which the robot follows a command without a new one [s]."""
         return self.scenario.command_timeout_s + self.scenario.sim.tick_s
 
     def _see(self, now: float, scan: m.LaserScan, inputs: Inputs) -> None:
@@ -113,7 +113,7 @@ class GuardNode(Node):
             self.surroundings.update(scan, robot)
 
     def _decide(self, tick: Tick, wanted: Twist2D) -> tuple[Verdict, str]:
-        """Return what is let through, and what is wrong with the lidar."""
+        """Return the verdict, and the fault of the lidar; "" if it has none."""
         seen = self.surroundings.time
         age_s = math.inf if seen is None else tick.time_ns / 1e9 - seen
         fault = self.fault
@@ -144,14 +144,14 @@ class GuardNode(Node):
         )
 
     def diagnostics(self) -> dict[str, object]:
-        """Return what it does, and why."""
+        """Return the guard's state, the factor and the reason."""
         said = {"guard": self.state.state, "let_through": round(self.state.factor, 2)}
         return said | ({"reason": self.state.reason} if self.state.reason else {})
 
 
 def _reaction_s(scenario: Scenario) -> float:
-    """Return the longest time for which the wheels follow a command after the next one was due [s].
+    """Return the longest time for which the wheels follow a command after the next was due [s].
 
-    Its last tick is that for which the controller waits for a silent guard.
+    The last tick of this time is the one in which the controller waits for a silent guard.
     """
     return scenario.guard.reaction_s + scenario.guard.hold_s + scenario.sim.tick_s

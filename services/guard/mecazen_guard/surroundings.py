@@ -1,4 +1,4 @@
-"""From a lidar's scans to what must not be touched: points, and how fast those of people move."""
+"""From a lidar's scans to points that must not be touched, with velocities for those of people."""
 
 from __future__ import annotations
 
@@ -17,22 +17,24 @@ from mecazen_guard.guard import Points
 from mecazen_guard.tracks import STILL_M_S, Track, Tracks
 
 GAP_M = 0.08
-"""Neighbouring points that are farther apart belong to different things."""
+"""Neighbouring points that are farther apart belong to different clusters [m]."""
 ROUND = 0.03
-"""Least spread of a leg's points about its chord, as a share of its width: of half a circle it is
-0.11, of two half of that, of a flat face, seen by a lidar with 1 mm of noise, 0.01."""
+"""Minimum spread of a leg's points about its chord, as a share of its width. The spread of half a
+circle is 0.11, that of two half circles half as much, and that of a flat face with 1 mm of lidar
+noise 0.01."""
 LEG_POINTS = 4
-"""Fewer tell nothing: a leg that is nearer than 2.5 m has more."""
+"""Minimum number of points for the shape test: a leg that is nearer than 2.5 m has more."""
 SPACING_M = 0.03
-"""Points of one thing that are nearer to each other are one."""
+"""Spacing to which the points of a cluster are thinned out [m]."""
 FARTHEST_M = 5.0
 """Points beyond this distance are ignored: even the fastest robot and person need 1 s to meet."""
 HIDDEN_BEAMS = 3
-"""So many neighbouring beams without a measurement are something nearer than the least range."""
+"""This number of neighbouring beams without a measurement means an object below the minimum
+range."""
 
 
 def _velocities(track: Track, fastest: float) -> tuple[list[float], list[float]]:
-    """Return the velocity of a track, and the least that is sure of it [m/s]."""
+    """Return the velocity of a track, and its certain lower bound [m/s]."""
     u, v = track.direction
     least = max(min(track.speed, track.newest) - STILL_M_S, 0.0)
     speed, sure = min(track.speed, fastest), min(least, fastest)
@@ -40,10 +42,10 @@ def _velocities(track: Track, fastest: float) -> tuple[list[float], list[float]]
 
 
 class Surroundings:
-    """Keeps what the last scans have shown, in odom.
+    """Keeps the points of the newest scan and the tracks of people, in odom.
 
     Args:
-        config: Margins, and how fast people are.
+        config: Margins, and the maximum speed of people.
         lidar: The lidar's data sheet.
         mount: Pose of the lidar in base_link.
     """
@@ -57,7 +59,7 @@ class Surroundings:
         self._tracks = Tracks()
         self._points = Points()
         self.time: float | None = None
-        """When the newest scan was taken [s]; None: there is none."""
+        """Time of the newest scan [s]; None if there is none."""
 
     def implausible(self, scan: LaserScan, now: float) -> str:
         """Return the fault of a scan that arrives at `now` [s]; "" if it has none."""
@@ -77,7 +79,7 @@ class Surroundings:
         return ""
 
     def update(self, scan: LaserScan, robot: Pose2D) -> None:
-        """Take a scan that was taken with base_link at `robot` in odom."""
+        """Update with a scan that was captured with base_link at `robot` in odom."""
         self.time = scan.header.stamp.ns / 1e9
         points, starts = clusters(*_hits(scan), len(scan.ranges), GAP_M)
         if not len(points):
@@ -97,7 +99,7 @@ class Surroundings:
             if track.is_person:
                 margins[of] = self.config.person_margin_m
         xy, thing = _thinned(things)
-        moves = velocity[thing].any(axis=1)  # those points are there twice: they stop, or go on
+        moves = velocity[thing].any(axis=1)  # such points exist twice: one stops, one goes on
         self._points = Points(
             np.concatenate((xy, xy[moves])),
             np.concatenate((sure[thing], velocity[thing][moves])),
@@ -106,7 +108,7 @@ class Surroundings:
         )
 
     def seen_from(self, robot: Pose2D) -> Points:
-        """Return the points in base_link, where it is at `robot` in odom."""
+        """Return the points in base_link, with base_link at `robot` in odom."""
         points = self._points
         return points._replace(
             xy=between(robot, points.xy), velocity=rotate(points.velocity, -robot.yaw)
@@ -119,7 +121,7 @@ def _mean(places: Sequence[Sequence[float]]) -> tuple[float, float]:
 
 
 def _is_round(things: Things) -> Flags:
-    """Return which things have points beside their chord, as a leg has."""
+    """Return which clusters are curved like a leg."""
     xy, starts, counts = things.xy, things.starts, things.counts
     first = xy[starts]
     chord = xy[starts + counts - 1] - first
@@ -132,7 +134,7 @@ def _is_round(things: Things) -> Flags:
 
 
 def _thinned(things: Things) -> tuple[Floats, Indices]:
-    """Return points without those too near to the one before, and the thing of each."""
+    """Return the points thinned to `SPACING_M`, and the cluster of each point."""
     along = np.cumsum(np.hypot(*np.diff(things.xy, axis=0, prepend=things.xy[:1]).T))
     cells = (along - along[things.starts][things.of]) // SPACING_M
     keep = np.diff(cells, prepend=-1.0) != 0.0
@@ -141,10 +143,10 @@ def _thinned(things: Things) -> tuple[Floats, Indices]:
 
 
 def _hits(scan: LaserScan) -> tuple[Floats, Indices]:
-    """Return what a scan hits, in the lidar's frame, and the beam of each point."""
+    """Return the points of a scan in the lidar's frame, and the beam of each point."""
     ranges: Floats = np.array(scan.ranges)
     hidden = ranges < scan.range_min
-    if hidden.any():  # many in a row are no dropouts
+    if hidden.any():  # many in a row are not dropouts
         runs = np.all([np.roll(hidden, k) for k in range(HIDDEN_BEAMS)], axis=0)
         hidden = np.any([np.roll(runs, -k) for k in range(HIDDEN_BEAMS)], axis=0)
         ranges = np.where(hidden, scan.range_min, ranges)

@@ -1,4 +1,4 @@
-"""Tracks of people, from where legs are scan by scan: a straight line through the last places."""
+"""Tracks of people from the legs in successive scans: a line fitted to the last positions."""
 
 from __future__ import annotations
 
@@ -7,40 +7,40 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 SCANS = 5
-"""Places that give a velocity: half a stride at 10 scans a second."""
+"""Number of positions for the velocity: half a stride at 10 scans per second."""
 LEAST_SCANS = 3
-"""With fewer places, the velocity is taken to be 0."""
+"""With fewer positions, the velocity is assumed to be 0."""
 LOOKED_S = 1.0
-"""Time for which something is a person after it has looked like a leg."""
+"""Time for which a cluster counts as a person after it looked like a leg [s]."""
 GATE_M = 0.5
-"""Greatest distance from where a person is expected."""
+"""Maximum distance of a detection from the predicted position [m]."""
 FORGET_S = 0.5
-"""Time unseen after which a track ends."""
+"""Time without a detection after which a track ends [s]."""
 STILL_M_S = 0.3
-"""Slower tracks count as standing, since the middle of the visible points of a standing thing also
-moves while the robot drives around it."""
+"""Slower tracks count as standing [m/s], since the middle of the visible points of a standing
+object also moves while the robot drives around it."""
 
 
 class Track(NamedTuple):
-    """The places of a person in the last scans, in odom."""
+    """The positions of a person in the last scans, in odom."""
 
     places: tuple[tuple[float, float, float], ...]
-    """Time [s], x and y [m]; the newest is the last one."""
+    """Time [s], x and y [m] of each position, oldest first."""
     looked: float
-    """When it last looked like a leg [s]."""
+    """Time at which the cluster last looked like a leg [s]."""
     direction: tuple[float, float] = (0.0, 0.0)
     """Unit vector of the velocity; zeros while the person stands."""
     speed: float = 0.0
-    """[m/s]"""
+    """Speed [m/s]."""
     newest: float = 0.0
-    """Speed along the direction between the last two places [m/s]."""
+    """Speed along `direction` between the last two positions [m/s]."""
 
     @classmethod
     def of(cls, places: tuple[tuple[float, float, float], ...], looked: float) -> Track:
-        """Return the track through some places, by least squares.
+        """Return the track through positions, by least squares.
 
-        Its velocity is 0 unless it is a person's: the visible part of a box also moves as the
-        robot drives around it.
+        Only a person's track has a velocity: the visible part of a box also moves as the robot
+        drives around it.
         """
         still = cls(places, looked)
         if len(places) < LEAST_SCANS or not still.is_person:
@@ -63,12 +63,12 @@ class Track(NamedTuple):
 
     @property
     def time(self) -> float:
-        """When it was last seen [s]."""
+        """Time of the last detection [s]."""
         return self.places[-1][0]
 
     @property
     def is_person(self) -> bool:
-        """Whether it has looked like a leg lately."""
+        """Whether the cluster looked like a leg within `LOOKED_S`."""
         return self.time - self.looked <= LOOKED_S
 
     def at(self, time: float) -> tuple[float, float]:
@@ -83,16 +83,17 @@ class Tracks:
 
     def __init__(self) -> None:
         self.known: list[Track] = []
-        """All tracks, those that are not seen at the moment too."""
+        """All tracks, including those that are not visible at the moment."""
 
     def update(self, time: float, seen: Iterable[tuple[tuple[float, float], bool]]) -> list[Track]:
-        """Return the track of each place, continued from the nearest one within `GATE_M`.
+        """Return the track of each position, continued from the nearest track within `GATE_M`.
 
-        Two places may continue one track: legs that part are both as fast as their person.
+        Two positions may continue one track: after a pair of legs separates, both have the velocity
+        of the person.
 
         Args:
             time: Time of the scan [s].
-            seen: Places of things in odom [m], each with whether it looks like a leg.
+            seen: Positions of clusters in odom [m], each with whether the cluster looks like a leg.
         """
         new, continued = [], set()
         for place, is_leg in seen:

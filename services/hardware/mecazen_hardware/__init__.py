@@ -1,1 +1,1 @@
-"""Drivers of real robots, and an emulator of a board in front of mecazen's physics."""
+"""Drivers of real robots, and an emulated board that is connected to mecazen's physics."""

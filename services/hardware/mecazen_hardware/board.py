@@ -1,6 +1,7 @@
-"""The protocol of a board: bytes in, bytes out, in SI units and mecazen's order of wheels.
+"""The protocol of a board: converts bytes to reports, and commands to bytes, in SI units.
 
-A board is one module with one subclass of `Board`. It knows neither port nor clock.
+A board is one module with one subclass of `Board`. The subclass uses neither port nor clock. Wheels
+are in mecazen's order.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from mecazen.robot import Robot
 
 
 class WheelAngles(NamedTuple):
-    """How far the wheels have turned since power-on [rad], in the order of `WHEELS`."""
+    """Angles of the wheels since power-on [rad], in the order of `WHEELS`."""
 
     turned: tuple[float, float, float, float]
     span: float
@@ -42,11 +43,11 @@ class Voltage(NamedTuple):
 
 
 class Identity(NamedTuple):
-    """Which board answers."""
+    """Name and version of the board that answers."""
 
     name: str
     problem: str = ""
-    """Why the driver can't use it; empty if it can."""
+    """Why the driver can't use the board; empty if it can."""
 
 
 Report = WheelAngles | MeasuredSpeeds | Inertial | Voltage | Identity
@@ -66,18 +67,18 @@ class Board(ABC):
     SPACING_S: ClassVar[float]
     """Least time between the starts of two frames to the board [s]."""
     KINDS: ClassVar[tuple[type[Report], ...]]
-    """The reports that the board sends without end, or on each `poll`."""
+    """The reports that the board sends periodically, or on each `poll`."""
 
     def __init__(self, config: HardwareConfig, robot: Robot) -> None:
         self.config, self.robot = config, robot
         self.frames = 0
-        """Number of frames that have been received whole."""
+        """Number of complete frames received."""
         self.refused = 0
         """Number of times that bytes were skipped to find the next frame."""
 
     @abstractmethod
     def hello(self) -> Sequence[bytes]:
-        """Return the frames that ask the board who it is, and start its reports."""
+        """Return the frames that request the board's identity and start its reports."""
 
     @abstractmethod
     def feed(self, data: bytes) -> list[Report]:
@@ -85,7 +86,7 @@ class Board(ABC):
 
     @abstractmethod
     def drive(self, speeds: WheelSpeeds) -> tuple[bytes, WheelSpeeds]:
-        """Return the frame for wheel speeds [rad/s], and the speeds that the board will make of it.
+        """Return the frame for wheel speeds [rad/s], and the speeds that the board will drive.
 
         Raises:
             ValueError: A speed is not finite.
@@ -104,10 +105,10 @@ class Board(ABC):
         """Return the frame that turns one wheel alone, for the checklist.
 
         Args:
-            wheel: Its number in the order of `WHEELS`.
+            wheel: The wheel's number in the order of `WHEELS`.
             share: Share of the motor's full speed or voltage, from -1 to 1.
         """
 
     @abstractmethod
     def explain(self, frame: bytes) -> str:
-        """Return what a frame of ours says, for a dry run."""
+        """Return the meaning of a sent frame as text, for a dry run."""

@@ -1,4 +1,4 @@
-"""The installed boards, by name, and how a driver opens the link to one."""
+"""Finds installed boards by name, and opens the link to a board."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mecazen_hardware.link import Link
 from mecazen_hardware.port import Port
 
 BOARDS = "mecazen.boards"
-"""The group of entry points by which installed packages name their boards."""
+"""The entry-point group in which installed packages register their boards."""
 
 
 def make_board(config: HardwareConfig, robot: Robot) -> Board:
@@ -31,7 +31,7 @@ def make_board(config: HardwareConfig, robot: Robot) -> Board:
 
 
 def open_link(config: HardwareConfig, robot: Robot) -> Link | DryLink:
-    """Return the link to the board of a scenario, which has answered.
+    """Return the link to the configured board, after the board has answered.
 
     Raises:
         ConfigError: No such board is installed.

@@ -15,10 +15,10 @@ from mecazen_hardware.link import Link
 from mecazen_hardware.wheels import Wheels
 
 SHARE = 0.1
-"""Share of a motor's power at which a wheel turns; the board of the X3 adds 44 % to it."""
+"""Share of a motor's full power at which a wheel turns; the X3's board adds 44 % of full power."""
 TURN_S, REST_S, REPEAT_S = 1.0, 0.5, 0.03
 LEAST_RAD = 0.5
-"""Angle from which on a wheel has turned."""
+"""Minimum angle by which a wheel counts as turned [rad]."""
 
 
 class Found(NamedTuple):
@@ -26,7 +26,7 @@ class Found(NamedTuple):
 
     wheel: str
     turned: tuple[float, ...]
-    """Angles of all wheels meanwhile [rad], in the order of `WHEELS`."""
+    """Angles by which all wheels turned [rad], in the order of `WHEELS`."""
 
     @property
     def problem(self) -> str:
@@ -45,12 +45,12 @@ class Found(NamedTuple):
 
 
 def turn_each(link: Link, max_speed: float, told: Callable[[str], None]) -> list[Found]:
-    """Turn each wheel alone, forward for a second; return what the encoders saw.
+    """Turn each wheel alone, forward for a second; return the angles that the encoders measured.
 
     Args:
-        link: A board that answers.
+        link: The link to a board that answers.
         max_speed: Highest speed of the wheels [rad/s].
-        told: Function for a line about what happens next.
+        told: Function that prints a line about the next step.
 
     Raises:
         HardwareError: The port has gone.
@@ -69,7 +69,7 @@ def turn_each(link: Link, max_speed: float, told: Callable[[str], None]) -> list
 
 
 def _wait(link: Link, wheels: Wheels, duration_s: float, frame: bytes = b"") -> None:
-    """Follow the wheels for some time, with a frame repeated meanwhile."""
+    """Read the wheels' reports for some time, and repeat a frame during that time."""
     begin_s = last_s = time.monotonic()
     while last_s - begin_s < duration_s:
         if frame:
@@ -85,7 +85,7 @@ def _wait(link: Link, wheels: Wheels, duration_s: float, frame: bytes = b"") -> 
 
 
 def rates(reports: Sequence[tuple[Report, float]]) -> dict[str, float]:
-    """Return how often each kind of report arrived [Hz]."""
+    """Return the rate of each kind of report [Hz]."""
     arrivals: dict[str, list[float]] = {}
     for report, arrived_s in reports:
         arrivals.setdefault(type(report).__name__, []).append(arrived_s)

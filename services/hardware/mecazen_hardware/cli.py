@@ -24,8 +24,8 @@ from mecazen_hardware.port import candidates
 
 app = typer.Typer(no_args_is_help=True, help="Real robots, and an emulated one.")
 
-LINK = Path("/tmp/mecazen-board")  # noqa: S108  # a name of ours, whose owner is checked
-"""The emulated board's port, whose own name is not known in advance."""
+LINK = Path("/tmp/mecazen-board")  # noqa: S108  # our own name, whose owner is checked
+"""The link to the emulated board's port, whose device name is not known in advance."""
 LISTEN_S = 1.0
 
 BoardOption = Annotated[
@@ -198,5 +198,5 @@ def _open(port: str | None, board: str, robot: str | None) -> tuple[Link, Robot]
         port = found[0].device
     known = load_table(given_file(robot or board, "robot"), Robot)
     link = open_link(HardwareConfig(board=board, port=port), known)
-    assert isinstance(link, Link)  # it is no dry run
+    assert isinstance(link, Link)  # not a dry run
     return link, known

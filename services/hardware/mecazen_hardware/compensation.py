@@ -1,4 +1,4 @@
-"""Commands that make real motors turn as wanted: the reverse of the robot file's `motors`."""
+"""Compensates gain and dead band of real motors: the inverse of the robot file's `motors`."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from mecazen.kinematics import WheelSpeeds
 from mecazen.robot import Motors
 
 STILL_RAD_S = 0.05
-"""Speed up to which a wheel is to stand; a dead band that is made up for would make it tremble."""
+"""Speed below which a wheel is commanded to stand; compensating the dead band would cause
+chatter."""
 
 
 def compensated(speeds: WheelSpeeds, motors: Motors | None) -> WheelSpeeds:
     """Return the speeds to command so that the wheels turn at `speeds` [rad/s].
 
-    A motor turns at its gain times what is left of the command after its dead band.
+    A motor turns at its gain times the command less the dead band.
     """
     if motors is None:
         return speeds

@@ -1,7 +1,8 @@
-"""The driver of a robot: the link to its board, its wheels, and when they may turn.
+"""The driver of a robot: the link to its board, its wheels, and their safety stops.
 
-The nodes `hardware` and `motors` of a process share one driver: reports become the state of a tick
-before all other nodes, and commands become frames after them, in the same tick.
+The nodes `hardware` and `motors` of a process share one driver. In each tick, `hardware` runs
+before all other nodes and turns reports into the state; `motors` runs after them and turns commands
+into frames.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from mecazen_hardware.wheels import Four, Wheels
 logger = logging.getLogger(__name__)
 
 GIVE_UP_S = 1.0
-"""Silence of the board after which the driver ends [s]; its motors are stopped long before."""
+"""Silence of the board after which the driver exits [s]; the motors are stopped long before."""
 STILL = WheelSpeeds()
 
 
@@ -45,7 +46,7 @@ class Driver:
         self.safety = Safety(self.config)
         self._motors = scenario.robot.motors
         self.stopped_for = ""
-        """Why the motors are stopped; empty if they may run."""
+        """Reason for which the motors are stopped; empty if they may run."""
         self.refused_commands = 0
         """Number of commands that were not finite."""
         self._fresh: dict[type[Report], Report] = {}
@@ -53,7 +54,7 @@ class Driver:
         logger.info("msg=%r", f"{self.config.port}: {self.link.identity.name}")
 
     def begin(self) -> None:
-        """Begin a run: at rest, with the angles of the wheels counted from here.
+        """Begin a run: stop the motors, and set the angles of the wheels to zero.
 
         Raises:
             HardwareError: The port has gone.
@@ -132,7 +133,7 @@ class Driver:
             self.drive(STILL, 0.0)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return how the link and the board are."""
+        """Return the state of the link and of the board."""
         board = self.link.board
         age_s = self.report_age_s
         return {

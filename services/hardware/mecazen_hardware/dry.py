@@ -30,7 +30,7 @@ class DryLink:
         self._printed = ""
 
     def read(self) -> list[tuple[Report, float]]:
-        """Return that the wheels turn as commanded, once in a cycle of the board."""
+        """Return the commanded wheel speeds as reports, once in a cycle of the board."""
         now_s = time.monotonic()
         if now_s - self._reported_s < self.board.CYCLE_S:
             return []
@@ -50,7 +50,7 @@ class DryLink:
             self._print(frame)
 
     def poll(self) -> None:
-        """Ask for nothing."""
+        """Do nothing: reports need no request."""
 
     def close(self) -> None:
         """Print the frames that stop the motors."""

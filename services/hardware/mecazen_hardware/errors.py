@@ -4,4 +4,4 @@ from mecazen.errors import MecazenError
 
 
 class HardwareError(MecazenError):
-    """The port or the board can't be used, or has gone."""
+    """The port or the board can't be used, or was disconnected."""

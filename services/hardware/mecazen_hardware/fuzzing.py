@@ -11,9 +11,9 @@ import msgspec
 from mecazen_hardware.rosmaster_x3 import COUNTS, TO_HOST, Decoder, frame
 
 HEADER = 5
-"""Bytes from which on two frames differ, counted from 1."""
+"""Position of the first byte in which two frames differ, counted from 1."""
 LOST_AT_MOST = 2
-"""Number of whole frames that may be lost after damage."""
+"""Maximum number of intact frames that may be lost after damage."""
 
 
 class Fuzzed(msgspec.Struct):
@@ -23,16 +23,16 @@ class Fuzzed(msgspec.Struct):
     """Frames that were sent, damaged or not."""
     damaged: int = 0
     whole: int = 0
-    """Frames that were sent whole."""
+    """Frames that were sent intact."""
     whole_received: int = 0
     received_by_chance: int = 0
-    """Frames that no one sent, in which the damage has left or made a valid sum."""
+    """Received frames that were not sent: damage that left or produced a valid checksum."""
     largest_loss: int = 0
-    """Most whole frames in a row that were lost."""
+    """Maximum number of intact frames lost in a row."""
 
 
 def _flip(draw: random.Random, sent: bytes, other: bytes) -> bytes:
-    """Return a frame of which some bytes are others."""
+    """Return a frame with some changed bytes."""
     del other
     damaged = bytearray(sent)
     for _ in range(draw.randint(1, 4)):
@@ -61,7 +61,7 @@ DAMAGE: tuple[Callable[[random.Random, bytes, bytes], bytes], ...] = (_flip, _cu
 
 
 def fuzz(frames: int, seed: int) -> Fuzzed:
-    """Send frames, half of them damaged, in chunks of random size; return what came of it."""
+    """Send frames, half of them damaged, in chunks of random size; return the counts."""
     draw, decoder, found = random.Random(seed), Decoder(), Fuzzed()  # noqa: S311  # no secret
     waiting: list[tuple[int, ...]] = []
     stream = bytearray()

@@ -1,10 +1,11 @@
-"""Stops the motors if the driver dies, freezes or falls silent: a process of its own.
+"""Stops the motors if the driver crashes, freezes or falls silent; runs as a separate process.
 
-The board keeps its last command for ever, so something has to outlive the driver. This process
-holds the same open port. It hears one byte for each frame that the driver sends. If none comes for
-a while after motion, or the driver has ended in any way, it sends the frames that stop the motors.
+The board executes its last command for ever, so a process has to outlive the driver. This process
+holds the same open port. It receives one byte for each frame that the driver sends. If no byte
+comes for a while after motion, or the driver has ended for any reason, the keeper sends the frames
+that stop the motors.
 
-It runs as a file by itself, `python keeper.py`, and imports nothing of mecazen.
+It runs as a standalone file, `python keeper.py`, and imports nothing from mecazen.
 """
 
 import os
@@ -14,14 +15,15 @@ import time
 from contextlib import suppress
 
 PRIORITY = 50
-"""Real-time priority, above that of all services; it hardly ever runs."""
+"""Real-time priority, above that of all services; the keeper hardly ever runs."""
 DRIVE, STOP = b"d", b"s"
-"""The byte for a frame that may move the robot, and the one for a frame that stops it."""
+"""The heartbeat byte for a frame that may move the robot, and the byte for a frame that stops
+it."""
 
 
 def keep(port: int, heartbeat: int, silence_s: float, spacing_s: float, frames: list[bytes]) -> int:
-    """Watch a driver until it ends; return how often the motors were stopped for it."""
-    with suppress(OSError):  # so that it wakes up in time on a busy host, where that is allowed
+    """Watch a driver until it ends; return how often the keeper stopped the motors."""
+    with suppress(OSError):  # if allowed, so that the keeper wakes up in time on a busy host
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
     stops, moving = 0, False
     while True:

@@ -1,7 +1,7 @@
 """The link to a board: its port, threads that read and write, and the keeper of the motors.
 
-`read` and `drive` never wait. One thread keeps the newest report of each kind with its arrival.
-Another one writes a frame that came too soon after the last.
+`read` and `drive` never wait. One thread collects the reports with their times of arrival. Another
+thread writes a frame that came too soon after the last one.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from mecazen_hardware.errors import HardwareError
 SILENCE_S = 0.3
 """Time without a frame of the driver after which the keeper stops the motors [s]."""
 ANSWER_S = 2.0
-"""How long a board may take until it has answered and sent each kind of report [s]."""
+"""Maximum time until a board has answered and sent each kind of report [s]."""
 ASK_AGAIN_S = 0.3
 """Time between two greetings: real boards leave some unanswered [s]."""
 POLL_S = 0.05
-"""How long the thread waits for bytes before it looks whether to end [s]."""
+"""Time for which the thread waits for bytes before it checks whether to end [s]."""
 
 ReportT = TypeVar("ReportT", bound=Report)
 
@@ -39,37 +39,37 @@ class Bytes(Protocol):
     name: str
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has arrived within a time."""
+        """Return the bytes that have arrived within a time."""
 
     def write(self, frame: bytes) -> bool:
         """Send a frame; return whether there was room for it."""
 
     def close(self) -> None:
-        """Close it."""
+        """Close the port."""
 
 
 class Link:
-    """A board that answers: reports in, frames out, a stop at the end.
+    """The connection to a board: receives reports, sends frames, and stops the motors at the end.
 
     Args:
         board: The protocol.
         port: The open port, which the link closes.
-        fd: The port's file descriptor for the keeper; None: nothing can go on driving.
+        fd: The port's file descriptor for the keeper; None for a port without real motors.
 
     Raises:
-        HardwareError: The board does not answer, or is another one.
+        HardwareError: The board does not answer, or is of another kind.
     """
 
     def __init__(self, board: Board, port: Bytes, fd: int | None) -> None:
         self.board, self.port = board, port
         self.sent = self.unsent = 0
-        """Numbers of frames that were written, and that found no room."""
+        """Numbers of frames that were written, and that did not fit into the output buffer."""
         self._written_s = 0.0
         self._failure: HardwareError | None = None
         self._output = threading.Condition()
-        """Guards the port's output."""
+        """Lock of the port's output."""
         self._waiting: tuple[bytes, bytes] | None = None
-        """The newest frame that came too soon, and its sign for the keeper."""
+        """The newest frame that came too soon, and its heartbeat byte for the keeper."""
         self._news = threading.Condition()
         self._reports: list[tuple[Report, float]] = []
         self._newest: dict[type[Report], tuple[Report, float]] = {}
@@ -107,9 +107,9 @@ class Link:
         return None if found is None else found[0]  # type: ignore[return-value]  # by its key
 
     def drive(self, speeds: WheelSpeeds) -> WheelSpeeds:
-        """Send wheel speeds [rad/s]; return what the board makes of them.
+        """Send wheel speeds [rad/s]; return the speeds that the board will drive.
 
-        A frame that follows the last one too soon waits for its turn; a newer one replaces it.
+        A frame that follows the last one too soon waits; a newer frame replaces a waiting frame.
 
         Raises:
             HardwareError: The port has gone.
@@ -136,7 +136,7 @@ class Link:
             self.ask(frame)
 
     def ask(self, frame: bytes, sign: bytes = keeper.STOP) -> None:
-        """Send a frame as soon as the board can take one, in the place of any that waits.
+        """Send a frame as soon as the board can take one; it replaces a waiting frame.
 
         Raises:
             HardwareError: The port has gone.
@@ -145,7 +145,7 @@ class Link:
         self._send(frame, sign)
 
     def poll(self) -> None:
-        """Ask a board for its next reports, if it sends none by itself.
+        """Request the next reports, if the board does not send them by itself.
 
         Raises:
             HardwareError: The port has gone.
@@ -155,14 +155,14 @@ class Link:
                 self._write(frame)
 
     def close(self) -> None:
-        """Stop the motors, whatever has failed, and close the port."""
+        """Stop the motors, even after a failure, and close the port."""
         if self._closing:
             return
         try:
             for frame in self.board.stop():
                 self._send(frame, keeper.STOP)
         except HardwareError:
-            pass  # the port has gone; who closes does so for a better reason
+            pass  # the port has gone; the original error matters more
         finally:
             with self._output:
                 self._closing = True
@@ -181,14 +181,14 @@ class Link:
         return self._written_s + self.board.SPACING_S - time.monotonic()
 
     def _send(self, frame: bytes, sign: bytes) -> None:
-        """Write a frame as soon as the board can take one, in the place of any that waits."""
+        """Write a frame as soon as the board can take one; it replaces a waiting frame."""
         with self._output:
             self._waiting = None
             time.sleep(max(self._wait_s, 0.0))
             self._write(frame, sign)
 
     def _write(self, frame: bytes, sign: bytes = b"") -> None:
-        """Write a frame, and let the keeper know; the caller holds the output.
+        """Write a frame, and notify the keeper; the caller holds the lock of the output.
 
         Without a keeper only frames that stop the motors are written.
         """
@@ -206,10 +206,10 @@ class Link:
             self.sent += 1
         else:
             self.unsent += 1
-        self._written_s = time.monotonic()  # a delay before it would shorten the gap to the next
+        self._written_s = time.monotonic()  # the time after the write keeps the gap
 
     def _write_late(self) -> None:
-        """Write the frame that waits once the board can take it."""
+        """Write a waiting frame once the board can take it."""
         with self._output:
             while not self._closing:
                 if self._waiting is None:
@@ -243,11 +243,11 @@ class Link:
                 for report in reports:
                     self._newest[type(report)] = report, now_s
                 self._reports += [(report, now_s) for report in reports]
-                del self._reports[:-1000]  # a run that is paused takes none
+                del self._reports[:-1000]  # a paused run does not read them
                 self._news.notify_all()
 
     def _keep(self, fd: int) -> None:
-        """Start the process that stops the motors if this one can't."""
+        """Start the process that stops the motors if this process can't."""
         out, self._heartbeat = os.pipe()
         os.set_blocking(self._heartbeat, False)
         frames = [frame.hex() for frame in self.board.stop()]
@@ -260,16 +260,16 @@ class Link:
                 ],
                 pass_fds=(fd, out),
                 stdin=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C in a terminal is not for it
+                start_new_session=True,  # Ctrl-C in a terminal must not stop the keeper
             )
         finally:
             os.close(out)
 
     def _greet(self) -> Identity:
-        """Ask the board who it is, and wait for each kind of report.
+        """Request the board's identity, and wait for each kind of report.
 
         Raises:
-            HardwareError: It does not answer in time, or is another board.
+            HardwareError: The board does not answer in time, or is of another kind.
         """
         until_s = time.monotonic() + ANSWER_S
         asked_s = -float("inf")
@@ -286,7 +286,7 @@ class Link:
             with self._news:
                 self._news.wait(POLL_S)
         identity = self.newest(Identity)
-        assert identity is not None  # it is among what was waited for
+        assert identity is not None  # the loop has waited for it
         if identity.problem:
             raise HardwareError(f"{self.port.name}: {identity.name}: {identity.problem}")
         return identity

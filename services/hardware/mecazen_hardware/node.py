@@ -1,4 +1,4 @@
-"""A real robot as nodes: the state of its board in each tick, and frames for wheel commands."""
+"""The nodes of a real robot: they publish the board's state and send wheel commands to it."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from msgspec.structs import replace
 from mecazen_hardware.driver import Driver
 
 UNKNOWN = (-1.0, *(0.0,) * 8)
-"""Covariance of what is not measured, as ROS has it."""
+"""ROS's covariance of a quantity that is not measured."""
 
 
 class _Shared:
-    """The driver that the nodes of a process share, while they are open."""
+    """The driver that the open nodes of a process share."""
 
     driver: ClassVar[Driver | None] = None
 
@@ -54,10 +54,10 @@ class _Shared:
 
 
 class HardwareWorld(World):
-    """A robot in the place of physics; its time is the wall clock's.
+    """A real robot instead of physics; its time is the wall clock.
 
     Raises:
-        ConfigError: The scenario asks for another time than that.
+        ConfigError: The scenario does not run in real time.
     """
 
     ROW = TABLE["hardware"]
@@ -70,7 +70,7 @@ class HardwareWorld(World):
             raise ConfigError(f"sim.speed = {scenario.sim.speed:g}: with hardware it must be 1")
 
     def reset(self, seed: int) -> None:
-        """Begin a run: open the port, or go on with the open one, at rest."""
+        """Begin a run at rest: open the port, or use the open port."""
         del seed
         self.driver = _Shared.open(self.scenario)
         self.driver.begin()
@@ -96,7 +96,7 @@ class HardwareWorld(World):
         return {"": outputs}
 
     def answer(self, call: Call[Any, Any], request: Message, robot: str) -> Message:
-        """Return the robot's URDF, which the physics has.
+        """Return the robot's URDF, which mecazen-physics generates.
 
         Raises:
             RefusedError: mecazen-physics is not installed.
@@ -114,13 +114,13 @@ class HardwareWorld(World):
         physics = installed_nodes().get("physics")
         if physics is None:
             raise RefusedError("the description of the robot is made by mecazen-physics")
-        sim = self.scenario.sim  # of any period, of which physics would need whole steps
+        sim = self.scenario.sim  # physics needs a tick of whole steps; the tick here is arbitrary
         within = replace(self.scenario.physics, dt_s=sim.tick_s / math.ceil(sim.tick_s / MAX_DT_S))
         world: World = physics.load()(replace(self.scenario, physics=within))
         return world
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return how the link and the board are."""
+        """Return the state of the link and of the board."""
         return self.driver.diagnostics()
 
     def close(self) -> None:
@@ -129,18 +129,18 @@ class HardwareWorld(World):
 
 
 class Motors(Node):
-    """Sends the newest wheel command to the board, in each tick and whenever a newer one comes."""
+    """Sends the newest wheel command to the board, in each tick and when a new command comes."""
 
     ROW = TABLE["motors"]
 
     def reset(self, seed: int) -> None:
-        """Be at rest."""
+        """Start with a new watchdog, without a command."""
         del seed
         self.driver = _Shared.open(self.scenario)
         self.watchdog = Watchdog(self.scenario)
 
     def configure(self, scenario: Scenario) -> None:
-        """Brake within other limits from now on."""
+        """Brake within the changed limits from now on."""
         super().configure(scenario)
         self.watchdog.configure(scenario)
 
@@ -160,7 +160,7 @@ class Motors(Node):
         return {}
 
     def _obeyed(self, command: WheelCommand | None, age_s: float) -> WheelCommand:
-        """Return the command that the motors obey: a new one, or one that brakes."""
+        """Return the command for the motors: the newest, or a braking command if it is too old."""
         return self.watchdog.command(command, age_s, (0.0,) * 4)
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
@@ -175,10 +175,10 @@ class Motors(Node):
 
 
 def _speeds(joints: JointState) -> WheelCommand:
-    """Return a command of wheel speeds.
+    """Return the wheel speeds of a joint command.
 
     Raises:
-        RefusedError: It has torques, which the boards do not take, or lacks a wheel.
+        RefusedError: The command has torques, which the boards do not accept, or lacks a wheel.
     """
     command = wheel_command(joints)
     if command.is_effort:

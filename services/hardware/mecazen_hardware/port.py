@@ -1,4 +1,4 @@
-"""The port of a board: opened with errors that say what to do, read and written without waiting."""
+"""The port of a board: non-blocking reads and writes, and error messages with a remedy."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from serial.tools import list_ports
 from mecazen_hardware.errors import HardwareError
 
 BUSY_FOR_S = 1.0
-"""How long to wait for the port: a driver that was killed leaves it to its keeper for a moment."""
+"""Maximum wait for the port [s]: after a driver was killed, its keeper holds the port for a
+moment."""
 SOCKET = "socket://"
 
 
 class Port:
-    """An open serial port or TCP connection, for this process alone.
+    """An open serial port or TCP connection, exclusive to this process.
 
     Args:
         name: A device, or `socket://HOST:PORT`.
         baud: Bits per second on a serial line.
 
     Raises:
-        HardwareError: It can't be opened; one line says why, and what to do.
+        HardwareError: The port can't be opened; the message states the reason and the remedy.
     """
 
     def __init__(self, name: str, baud: int) -> None:
@@ -38,7 +39,7 @@ class Port:
         os.set_blocking(self.fd, False)
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has arrived, after waiting for it for at most `timeout_s`.
+        """Return the bytes that have arrived, after a wait of at most `timeout_s`.
 
         Raises:
             HardwareError: The port has gone.
@@ -70,7 +71,7 @@ class Port:
             raise self.gone(error) from None
 
     def gone(self, error: OSError | None = None) -> HardwareError:
-        """Return the error that the port has gone."""
+        """Return the error for a port that was disconnected."""
         why = f" ({error.strerror})" if error is not None else ""
         return HardwareError(
             f"{self.name}: the port has gone in mid-run{why}: unplugged, or without power? The "
@@ -78,7 +79,7 @@ class Port:
         )
 
     def close(self) -> None:
-        """Close it."""
+        """Close the port."""
         with suppress(OSError):
             self._serial.close()
 
@@ -100,7 +101,7 @@ def _open(name: str, baud: int) -> serial.SerialBase:
 
 
 def _errno_of(error: BaseException) -> int | None:
-    """Return the number of the system's error that an error of pyserial comes from."""
+    """Return the errno of the system error behind an error of pyserial."""
     cause = error.__context__
     return int(cause.args[0]) if isinstance(cause, OSError | termios.error) else None
 
@@ -125,6 +126,6 @@ def _reason(name: str, number: int | None, error: Exception) -> str:
 
 
 def candidates() -> list[list_ports.ListPortInfo]:
-    """Return the serial ports that USB adapters have here, those of a CH340 first."""
+    """Return the serial ports of connected USB adapters, those of a CH340 first."""
     ports = [one for one in list_ports.comports() if one.vid is not None]
     return sorted(ports, key=lambda one: (one.vid != 0x1A86, one.device))

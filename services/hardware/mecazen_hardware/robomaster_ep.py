@@ -1,11 +1,11 @@
 """DJI's RoboMaster EP: its text protocol, over TCP or serial, without port and clock.
 
-A command is ASCII text that `;` ends, such as `chassis wheel w1 100 w2 100 w3 100 w4 100;`. Each
-gets one answer: `ok`, `error`, or numbers. The robot holds the speed of each wheel by itself, so
-`joint_command` needs no twist.
+A command is ASCII text that ends with `;`, such as `chassis wheel w1 100 w2 100 w3 100 w4 100;`.
+Each command gets one answer: `ok`, `error`, or numbers. The robot controls the speed of each wheel
+itself, so `joint_command` needs no conversion to a twist.
 
-Source: DJI's documentation of the text SDK in `RoboMaster-SDK`, `protocol_api.rst`. Points that it
-leaves open, such as the order of the rear wheels, are for the checklist to show.
+Source: DJI's documentation of the text SDK in `RoboMaster-SDK`, `protocol_api.rst`. The checklist
+    verifies what this source leaves open, such as the order of the rear wheels.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from mecazen.robot import Robot
 from mecazen_hardware.board import Board, Identity, MeasuredSpeeds, Report
 
 MAX_RPM = 1000
-"""Range of a wheel's speed; the answer to a faster one is `error`."""
+"""Maximum speed of a wheel; the robot answers a faster command with `error`."""
 RPM_PER_RAD_S = 30.0 / math.pi
 ORDER = (1, 0, 3, 2)
 """Wheels w1 to w4 are front right, front left, rear right, rear left."""
 LONGEST = 256
-"""Largest number of bytes without a `;` in the text of this robot."""
+"""Maximum number of bytes without a `;` in the answers of this robot."""
 VERSION_WORDS = 1
 SPEED_WORDS = 7
 """Words of the answer to `chassis speed ?`: x, y, z, and the speeds of the four wheels [rpm]."""
 
 
 class RobomasterEp(Board):
-    """The EP drives by the speed of each wheel, and measures that speed itself."""
+    """The EP: a board that takes the speed of each wheel, and measures these speeds."""
 
     CYCLE_S: ClassVar[float] = 0.05
-    """The driver asks for the speeds: no push of the robot has those of the wheels."""
+    """The driver requests the wheel speeds: the robot's push messages do not contain them."""
     SPACING_S: ClassVar[float] = 0.02
-    """One command, one answer: the robot takes no queue of commands."""
+    """Each command waits for its answer: the robot does not queue commands."""
     KINDS = (MeasuredSpeeds,)
 
     def __init__(self, config: HardwareConfig, robot: Robot) -> None:
@@ -87,7 +87,7 @@ class RobomasterEp(Board):
         return WheelSpeeds(*(rpm[ORDER.index(wheel)] / RPM_PER_RAD_S for wheel in range(4)))
 
     def drive(self, speeds: WheelSpeeds) -> tuple[bytes, WheelSpeeds]:
-        """Return the command for wheel speeds, all slowed down alike to what the wheels can do.
+        """Return the command for wheel speeds, all scaled by one factor to the wheels' limit.
 
         Raises:
             ValueError: A speed is not finite.
@@ -99,7 +99,7 @@ class RobomasterEp(Board):
         return _wheels(rpm), self._of_wheels(rpm)
 
     def stop(self) -> Sequence[bytes]:
-        """Return still wheels, twice: an answer may be lost with its command."""
+        """Return the command for zero speeds, twice: a command may be lost."""
         return (_wheels([0] * 4),) * 2
 
     def turn_one(self, wheel: int, share: float) -> bytes:
@@ -119,7 +119,7 @@ def _wheels(rpm: Sequence[int]) -> bytes:
 
 
 def _numbers(words: Sequence[str]) -> list[float]:
-    """Return finite numbers; empty if a word is none."""
+    """Return the words as finite numbers; empty if a word is not a finite number."""
     try:
         numbers = [float(word) for word in words]
     except ValueError:

@@ -1,8 +1,8 @@
 """The board of Yahboom's ROSMASTER X3: its serial protocol, without port and clock.
 
 A frame is `FF`, an id (`FC` to the board, `FB` to the host), a length, a function, a payload and a
-sum. The length counts itself and all after it. The sum is that of length, function and payload,
-modulo 256. Numbers are little-endian.
+checksum. The length counts itself and all bytes after it. The checksum is the sum of length,
+function and payload, modulo 256. Numbers are little-endian.
 
 Sources: the vendor's library `Rosmaster_Lib` 3.3.9 and its firmware `Rosmaster_V3.5.1`.
 """
@@ -30,7 +30,7 @@ from mecazen_hardware.board import (
 
 HEAD, TO_BOARD, TO_HOST = 0xFF, 0xFC, 0xFB
 CAR_TYPE = 1
-"""Type of the X3 in the board's flash; the kinematics of the board follow it."""
+"""Type of the X3 in the board's flash, which selects the board's kinematics."""
 CAR_TYPES = {1: "X3", 2: "X3 Plus", 3: "mini", 4: "X1", 5: "R2", 6: "Sunrise", 10: "M1"}
 
 AUTO_REPORT, RESET_STATE, DUTY, MOTION, SET_CAR_TYPE, REQUEST, VERSION = (
@@ -57,14 +57,14 @@ ORDER = (0, 2, 1, 3)
 """The board's motors m1 to m4 are front left, rear left, front right, rear right."""
 CIRCUMFERENCE_M = 0.204203
 COUNTS_PER_TURN = 1320
-"""Constants of the firmware, by which it turns counts into speeds of the rim."""
+"""Constants with which the firmware converts counts to rim speeds."""
 LEVER_M = 0.164555
 """Half the sum of track and wheelbase, a constant of the firmware [m]."""
 RIM_LIMIT_M_S = 0.998
-"""Speed up to which the driver drives a rim [m/s].
+"""Maximum speed to which the driver commands a rim [m/s].
 
-The firmware cuts each wheel by itself at 1 m/s, which would change the direction. The numbers of a
-frame are rounded to 1 mm/s each, so a margin of 1.5 mm/s is needed."""
+The firmware clips each wheel separately at 1 m/s, which would change the direction. The numbers of
+a frame are rounded to 1 mm/s each, so a margin of 1.5 mm/s is needed."""
 TWIST_LIMITS = (1.0, 1.0, 5.0)
 """The vendor's range of vx, vy [m/s] and wz [rad/s]."""
 MPU_GYRO, MPU_ACCEL, ICM = 3754.9, 1671.84, 1000.0
@@ -72,14 +72,14 @@ MPU_GYRO, MPU_ACCEL, ICM = 3754.9, 1671.84, 1000.0
 
 
 class Frame(NamedTuple):
-    """A frame to the host with a valid sum."""
+    """A frame to the host with a valid checksum."""
 
     function: int
     payload: tuple[int, ...]
 
 
 def frame(function: int, payload: bytes, to: int = TO_BOARD) -> bytes:
-    """Return a whole frame."""
+    """Return a complete frame."""
     body = bytes((len(payload) + 3, function)) + payload
     return bytes((HEAD, to)) + body + bytes((sum(body) % 256,))
 
@@ -87,15 +87,15 @@ def frame(function: int, payload: bytes, to: int = TO_BOARD) -> bytes:
 class Decoder:
     """Finds frames to the host in a stream of bytes.
 
-    After bytes that are no frame it searches again from the second byte on, so a damaged frame
-    never takes the next one with it. Function and length must belong together, and no length is
-    above 21: a false beginning delays the next frame by no more than that.
+    After an invalid frame the search restarts at its second byte, so a damaged frame never destroys
+    the next one. Function and length must match, and no length is above 21, so a false start delays
+    the next frame by at most that number of bytes.
     """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self.skipped = 0
-        """Number of bytes that belong to no frame."""
+        """Number of bytes that do not belong to a frame."""
 
     def feed(self, data: bytes) -> Iterator[Frame]:
         """Yield the frames that the bytes complete."""
@@ -121,12 +121,12 @@ class Decoder:
 
 
 class RosmasterX3(Board):
-    """The X3 drives by a twist: it has no command for the speed of each wheel."""
+    """The X3: a board that takes a twist, and has no command for the speed of each wheel."""
 
     CYCLE_S: ClassVar[float] = 0.041
     SPACING_S: ClassVar[float] = 0.0022
     """The board has one buffer of 20 bytes, which it reads every millisecond and then clears. The
-    longest frame takes 1.04 ms on the line, and may wait there for 1 ms."""
+    longest frame takes 1.04 ms on the line, and may wait in the buffer for 1 ms."""
     KINDS = (WheelAngles, Inertial, Voltage)
 
     def __init__(self, config: HardwareConfig, robot: Robot) -> None:
@@ -137,12 +137,12 @@ class RosmasterX3(Board):
         per_turn = config.counts_per_turn or COUNTS_PER_TURN
         self._count = 2.0 * math.pi / per_turn
         """Angle of a wheel per count [rad]."""
-        # the board believes in its own constants: a rim's speed in its units per rad/s
+        # rim speed in the board's units per rad/s of the wheel: the board uses its own constants
         rim = CIRCUMFERENCE_M / COUNTS_PER_TURN / self._count
         self._kinematics = MecanumKinematics(rim, LEVER_M / 2, LEVER_M / 2)
 
     def hello(self) -> Sequence[bytes]:
-        """Ask for the version and the type of car, and switch the reports on until the next reset.
+        """Request the version and the type of car, and switch the reports on until the next reset.
 
         None of these frames writes the board's flash.
         """
@@ -153,7 +153,7 @@ class RosmasterX3(Board):
         )
 
     def feed(self, data: bytes) -> list[Report]:
-        """Return the reports that the bytes complete; numbers that can't be are left out."""
+        """Return the reports that the bytes complete."""
         before = self._decoder.skipped
         found: list[Report] = []
         for function, payload in self._decoder.feed(data):
@@ -191,7 +191,7 @@ class RosmasterX3(Board):
         return Identity(name, f"it is set to the car {kind}, whose wheels turn otherwise; set X3")
 
     def drive(self, speeds: WheelSpeeds) -> tuple[bytes, WheelSpeeds]:
-        """Return the frame of the twist nearest to wheel speeds, all slowed down alike.
+        """Return the frame of the twist nearest to wheel speeds, scaled to the limits.
 
         Raises:
             ValueError: A speed is not finite.
@@ -203,7 +203,7 @@ class RosmasterX3(Board):
         return frame(MOTION, struct.pack("<B3h", CAR_TYPE, *numbers)), sent
 
     def _within(self, twist: Twist2D) -> Twist2D:
-        """Return a twist that no wheel and no range of the board cuts, in the same direction."""
+        """Scale a twist, without a change of direction, to the limits of wheels and board."""
         rim = abs(twist.x) + abs(twist.y) + LEVER_M * abs(twist.yaw)
         limits = zip(twist, TWIST_LIMITS, strict=True)
         excess = max(rim / RIM_LIMIT_M_S, *(abs(value) / limit for value, limit in limits))
@@ -221,7 +221,7 @@ class RosmasterX3(Board):
         return frame(DUTY, struct.pack("<4b", *duty))
 
     def explain(self, sent: bytes) -> str:
-        """Return what a frame says."""
+        """Return the meaning of a frame as text."""
         function, payload = sent[3], sent[4:-1]
         match function:
             case 0x12:

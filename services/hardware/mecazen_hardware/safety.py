@@ -1,4 +1,4 @@
-"""When motors may run: the reasons to stop them, without port and clock."""
+"""Decides whether motors may run, and the reason to stop them, without port and clock."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import math
 from mecazen.config import HardwareConfig
 
 LOW_FOR_S = 1.0
-"""How long the voltage has to be low [s]: a start of the motors lowers it for a moment. The board
-of the X3 switches itself off after 2 s."""
+"""Time for which the voltage has to be low [s]: starting motors lower it for a moment. The board of
+the X3 switches itself off after 2 s."""
 STOP_AFTER_S = 0.4
-"""Age of a wheel command after which the motors are stopped, instead of braked [s]."""
+"""Age of a wheel command beyond which the motors are stopped instead of braked [s]."""
 NO_COMMAND = "no command"
 
 
@@ -31,7 +31,7 @@ class Safety:
         self._is_empty = False
 
     def measured(self, volts: float, now_s: float) -> None:
-        """Take the voltage of the battery [V] at `now_s` [s]."""
+        """Update with the voltage of the battery [V] at `now_s` [s]."""
         self.volts = volts
         if volts >= self._config.min_voltage_v:
             self._low_since_s = math.inf
@@ -40,7 +40,7 @@ class Safety:
         self._is_empty |= now_s - self._low_since_s >= LOW_FOR_S
 
     def reason(self, command_age_s: float, report_age_s: float) -> str:
-        """Return why the motors are stopped; empty if they may run.
+        """Return the reason to stop the motors; empty if they may run.
 
         Args:
             command_age_s: Age of the newest wheel command [s].

@@ -1,9 +1,9 @@
-"""The wheels between two reports of a board: angles and speeds at each tick.
+"""Angles and speeds of the wheels at each tick, interpolated between the reports of a board.
 
-A board reports seldom, and its reports arrive with the jitter of USB and the host. So the interval
-between two reports is a whole number of the board's cycles, and the angles go on at the last
-measured speed. The correction by a report is spread over a cycle: the speeds have no spikes, and
-their sum follows the encoders, so odometry does not drift.
+A board reports at a low rate, and its reports arrive with the jitter of USB and the host. So the
+interval between two reports is rounded to whole cycles of the board, and between reports the angles
+continue at the last measured speed. The correction by a report is spread over a cycle, so the
+speeds have no spikes. The integral of the speeds follows the encoders, so odometry does not drift.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from mecazen.kinematics import WheelSpeeds
 from mecazen_hardware.board import MeasuredSpeeds, WheelAngles
 
 FASTER = 1.5
-"""Share of the wheels' highest speed beyond which a change of angle is no motion."""
+"""Multiple of the wheels' maximum speed beyond which a change of angle counts as a jump."""
 BELIEVED_AFTER = 2
 """Number of reports in a row after which a wheel continues from the angle to which it jumped."""
 MOST_CYCLES = 100
-"""Number of cycles beyond which an interval is not believed."""
+"""Maximum number of cycles of an interval between two reports."""
 AHEAD_CYCLES = 2.0
-"""Number of cycles for which the last speed is believed without a new report."""
+"""Number of cycles for which the last speed is used without a new report."""
 
 Four = tuple[float, float, float, float]
 
@@ -39,7 +39,7 @@ class Wheels:
         self._cycle_s = cycle_s
         self._max_speed = max_speed
         self.jumps = 0
-        """Number of reports that no motion explains."""
+        """Number of reports that no motion can explain."""
         self._doubted = 0
         self._last: WheelAngles | None = None
         self.reported_s = -math.inf
@@ -48,15 +48,15 @@ class Wheels:
         self._turned: Four = (0.0,) * 4
         """Sum of the changes in the reports [rad]."""
         self.angles: Four = (0.0,) * 4
-        """The angles that `advance` has returned last: the sum of its speeds [rad]."""
+        """The angles that `advance` returned last: the integral of its speeds [rad]."""
 
     def take(self, report: WheelAngles | MeasuredSpeeds, now_s: float) -> None:
-        """Take a report that arrived at `now_s` [s]."""
+        """Update with a report that arrived at `now_s` [s]."""
         elapsed_s = now_s - self.reported_s
         cycles = max(1, round(min(elapsed_s / self._cycle_s, MOST_CYCLES)))
         interval_s = cycles * self._cycle_s
         if isinstance(report, MeasuredSpeeds):
-            # a speed holds until the next one, which comes when the driver has asked for it
+            # a speed holds until the next report, which comes on the driver's request
             interval_s = elapsed_s if 0.0 < elapsed_s < math.inf else self._cycle_s
             change = _four(speed * interval_s for speed in report.speeds)
         elif self._last is None:
@@ -69,7 +69,7 @@ class Wheels:
             self.jumps += 1
             self._doubted += 1
             if self._doubted < BELIEVED_AFTER:
-                return  # one damaged number: the next report adds what this one has left out
+                return  # a single damaged number: the next report contains the missed change
             went_on = (speed * interval_s for speed in self._measured)
             pairs = zip(change, went_on, strict=True)
             change = _four(new if abs(new) <= most else same for new, same in pairs)
@@ -100,7 +100,7 @@ class Wheels:
         return self.angles, speeds
 
     def reset(self) -> None:
-        """Count the angles from here on."""
+        """Set the angles to zero."""
         self._turned = self.angles = (0.0,) * 4
 
 

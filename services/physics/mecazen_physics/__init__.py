@@ -1,1 +1,1 @@
-"""A mecanum robot with every roller, in DART, and the owner of simulated time."""
+"""A mecanum robot with every roller, simulated in DART; this service owns simulated time."""

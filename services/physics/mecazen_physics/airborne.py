@@ -1,6 +1,6 @@
 """Rollers in the air, which turn in closed form.
 
-A roller in the air turns freely in its bearing but for friction. About its axis a, with the
+A roller in the air turns freely in its bearing, except for friction. About its axis a, with the
 moment I, the wheel's angular velocity ω and the spin relative to the wheel θ̇,
 
     I·(θ̈ + d(a·ω)/dt) = -c·θ̇,
@@ -10,10 +10,10 @@ lets the impulses of motors and contacts turn the wheel:
 
     θ̇' = ρ·θ̇ - Δ,    ρ = 1/(1 + c·dt/I),    Δ = (a·ω)' - a·ω.
 
-`AirborneRollers` sums this over the steps of a chunk as if the wheel reached its new speed in
-the first of them, as the servo makes it. For its wheel the roller is a mass without a moment
-about a (`model.near_tree`), and two torques: c·θ̇·a of its bearing and I·Ω·a×ω of its spin
-Ω = θ̇ + a·ω. Their means over the chunk are set as external torques. Their change within a
+`AirborneRollers` sums this over the steps of a chunk. It assumes that the wheel reaches its new
+speed in the first step, as with the servo. The effect of a roller on its wheel is that of a mass
+without a moment about a (`model.near_tree`), and two torques: c·θ̇·a of its bearing and I·Ω·a×ω of
+its spin Ω = θ̇ + a·ω. Their means over the chunk are set as external torques. Their change within a
 chunk, some 10 µN·m, is neglected.
 """
 
@@ -35,18 +35,18 @@ _WHEELS = len(WHEELS)
 
 
 class AirborneRollers:
-    """Angle and spin of every roller, by wheel and place.
+    """Angle and spin of every roller, by wheel and by place on the wheel.
 
     `state` (3, 4·N) holds the angle [rad] and the spin relative to the wheel [rad/s], and the
     wheel's own rate about the roller's axis, a·ω [rad/s]. The rollers in the first and the last
-    place of each wheel are bodies of DART, the others are airborne. Place i is i pitches from
-    the first.
+    place of each wheel are DART bodies, the others are airborne. Place i is i pitches from the
+    first place.
 
-    The `rates` of the wheels are their angular velocities in their own frames: x of all four, y, z,
-    a list of twelve [rad/s].
+    The `rates` of the wheels are their angular velocities in their own frames, a list of twelve
+    [rad/s]: x of all four wheels, then y, then z.
 
-    Products are those of `numpy.einsum`, which adds in one order: BLAS, whose kernels differ in the
-    last bit from one processor to another, takes no part.
+    Products are computed by `numpy.einsum`, which adds in a fixed order. BLAS is not used: its
+    kernels differ in the last bit between processors.
     """
 
     def __init__(self, robot: Robot, dt: float) -> None:
@@ -65,18 +65,18 @@ class AirborneRollers:
         axes = np.array([roller.rotation[:, 2] for roller in rollers]).T
         axes = axes.reshape(3, _WHEELS, count)
         self._axes: Array = (axes[:, None] * np.eye(_WHEELS)[:, :, None]).reshape(3 * _WHEELS, -1)
-        """From rates to a·ω."""
+        """The matrix from rates to a·ω."""
         self._airborne: Array = axes.copy()
         """The axes of airborne rollers, zero for the bodies."""
         self._airborne[..., [0, -1]] = 0.0
 
     def set_rates(self, rates: list[float]) -> None:
-        """Set the wheels' rates without an effect on the rollers' spins."""
+        """Set the wheels' rates without changing the rollers' spins."""
         self._rates = rates
         self._carry(rates, self.state[2])
 
     def advance(self, steps: int, rates: list[float]) -> None:
-        """Simulate `steps` steps, in the first of which the wheels reach `rates`."""
+        """Simulate `steps` steps; the wheels reach `rates` in the first step."""
         self._rates = rates
         self._carry(rates, self._all[3])
         transition = _transition(self._kept, self._dt, steps)
@@ -110,14 +110,14 @@ class AirborneRollers:
 
 @lru_cache
 def _sums(kept: float, steps: int) -> tuple[float, float, float]:
-    """Return, for n = `steps`, ρ^(n-1), the sum of ρ^i over i < n, and that over 0 < i <= n."""
+    """Return, for n = `steps`, ρ^(n-1), the sum of ρ^i over i < n, and the sum over 0 < i <= n."""
     before = math.fsum(kept**step for step in range(steps))
     return kept ** (steps - 1), before, kept * before
 
 
 @lru_cache
 def _transition(kept: float, dt: float, steps: int) -> Array:
-    """Return the matrix (3, 4) from angle, spin, a·ω and the next a·ω to the next three."""
+    """Return the matrix (3, 4) from angle, spin, a·ω and the next a·ω to the next `state`."""
     last, before, after = _sums(kept, steps)
     return np.array(
         [

@@ -1,4 +1,4 @@
-"""Skeletons of DART: the ground with its obstacles, robots and people."""
+"""DART skeletons of the ground, obstacles, robots and people."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ GRAVITY = 9.80665
 DEPTH_M = 1e-5
 """Depth of the wheels in DART's ground [m]; the ground is raised above z = 0 by the same depth.
 
-Hulls of 81 spheres are up to 0.4 µm out of round, and contacts end at their edges: no contact of a
-wheel that stands is missed."""
+Hulls of 81 spheres are up to 0.4 µm out of round. At this depth every wheel that stands has a
+contact."""
 
 _AXLE_JOINT = "front_axle_joint"
 _AXLE_STOP_RAD = 0.1
@@ -35,8 +35,8 @@ _NO_MASS = 1e-9
 def check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
     """Refuse a friction c that slows a roller down within a few steps.
 
-    DART damps a joint before it solves the contacts, with c/(1 + c·dt/I) instead of c for a
-    roller that the ground keeps turning.
+    DART damps a joint before it solves the contacts. So a roller that the ground keeps turning has
+    the friction c/(1 + c·dt/I) instead of c.
     """
     highest = 0.1 * Roller.of(robot).inertia[1] / physics.dt_s
     friction = robot.rollers.bearing_friction_nms
@@ -48,10 +48,10 @@ def check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
 
 
 def friction_range(robot: Robot, world: WorldConfig) -> tuple[float, float]:
-    """Return the lowest and the highest coefficient between a robot and its surroundings.
+    """Return the lowest and the highest friction coefficient of a robot and its surroundings.
 
-    DART takes the lower one of two touching bodies. The robot's own surface has the highest, so
-    that of the other body holds; it is also that between two robots.
+    DART uses the lower coefficient of two touching bodies. The robot's own surface gets the
+    highest, so the coefficient of the other body applies. Between two robots the highest applies.
     """
     others = [other.friction for other in (world.person, *world.solids)]
     frictions = [*_ground_frictions(robot, world), *others]
@@ -64,7 +64,7 @@ def _ground_frictions(robot: Robot, world: WorldConfig) -> list[float]:
 
 
 def ground_friction(robot: Robot, ground: WorldConfig | Patch) -> float:
-    """Return the coefficient between the ground, or a patch of it, and the rollers."""
+    """Return the friction coefficient between the rollers and the ground, or a patch of it."""
     own = ground.friction if isinstance(ground, Patch) else ground.ground_friction
     return own * robot.rollers.contact_friction
 
@@ -74,7 +74,7 @@ def build_ground(robot: Robot, world: WorldConfig) -> Any:
     skeleton = dart.dynamics.Skeleton("ground")
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], DEPTH_M)
-    # On patches, the rollers have the coefficient of what is below them.
+    # On patches, `set_friction` sets the coefficient of the rollers.
     _collide(ground, plane, max(_ground_frictions(robot, world)))
     skeleton.setMobile(False)
     return skeleton
@@ -100,12 +100,12 @@ def build_obstacles(solids: Sequence[Box | Cylinder]) -> Any:
 
 
 def reachable(robot: Robot, world: WorldConfig) -> list[Box | Cylinder]:
-    """Return what stands in the world, without what the robot passes below."""
+    """Return the obstacles of the world, without those that the robot passes below."""
     found = [one for one in world.solids if getattr(one, "bottom_m", 0.0) < robot.height]
     for solid in found:
         height = solid.size_m[-1]
         if getattr(solid, "bottom_m", 0.0) == 0.0 and height < robot.wheels.radius_m:
-            # On a face of a box the rollers' contacts jump: only the plane is smooth.
+            # On a face of a box the rollers' contacts jump; only contacts with a plane are smooth.
             raise UnsupportedError(
                 f"an obstacle {height} m high is lower than the wheels' axles "
                 f"({robot.wheels.radius_m} m): driving onto one cannot be simulated"
@@ -128,13 +128,14 @@ def build_robot(
 ) -> tuple[Any, list[Any]]:
     """Return the skeleton of the robot's `tree` and the joints of its wheels and rollers.
 
-    Camera, lidar and payload are shapes and mass of the base: each body of its own would cost
-    5 % of the speed. Where rollers are lumped with their wheels, only the others can touch
+    Camera, lidar and payload are shapes and mass of the base: a separate body for each would cost 5
+    % of the speed. If rollers are lumped with their wheels, only the remaining rollers can touch
     anything.
 
     The front wheels are on an axle that swings about its middle, as in platforms of this
     kind. If the robot were rigid, two diagonally opposite wheels would carry the whole weight.
-    Their rollers are parallel: the robot would glide across them with all wheels at rest.
+    The rollers of these two wheels are parallel, so the robot would glide across them with all
+    wheels at rest.
     """
     links, lumped = tree
     skeleton = dart.dynamics.Skeleton("robot")
@@ -185,7 +186,7 @@ def _add_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
     joint.setPositionLowerLimit(0, -_AXLE_STOP_RAD)
     joint.setPositionUpperLimit(0, _AXLE_STOP_RAD)
     joint.setLimitEnforcement(True)
-    # Its mass is in the base's.
+    # The axle's mass is included in the base.
     axle.setInertia(dart.dynamics.Inertia(_NO_MASS, np.zeros(3), _NO_MASS * np.eye(3)))
     return axle
 
@@ -210,11 +211,11 @@ def _barrel(robot: Robot) -> Any:
 
 
 def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldConfig) -> None:
-    """Give a robot what others touch of it: its base, if it has no shape, and rims of its wheels.
+    """Add the shapes that others touch: the base, if it has no shape, and rims of the wheels.
 
-    A rim is the cylinder round all rollers of a wheel. It has no friction: a roller gives way
-    across its axis, so two that touch pass on a force along the surface only if their axes are
-    parallel.
+    A rim is the cylinder round all rollers of a wheel. A rim has no friction: a roller gives way
+    across its axis, so two touching rollers transmit a force along the surface only if their axes
+    are parallel.
     """
     base = skeleton.getBodyNode(0)
     if not base.getShapeNodes():
@@ -231,7 +232,7 @@ def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldCon
 def build_person(shape: Person) -> Any:
     """Return a person's skeleton, whose two positions are x and y [m].
 
-    Its joint moves at the commanded velocity whatever it touches.
+    The joint moves at the commanded velocity, independent of contacts.
     """
     skeleton = dart.dynamics.Skeleton("person")
     joint, body = skeleton.createTranslationalJoint2DAndBodyNodePair()
@@ -243,9 +244,10 @@ def build_person(shape: Person) -> Any:
 
 
 def build_legs(shape: Person) -> Any:
-    """Return the skeleton of a person of joints: a body for each of `LEGS`, whatever it touches.
+    """Return the skeleton of a person with joints: one body for each of `LEGS`.
 
-    Each has six positions: a rotation vector [rad] and the middle [m].
+    Each body has six positions: a rotation vector [rad] and the middle [m]. It moves at the
+    commanded velocity, independent of contacts.
     """
     skeleton = dart.dynamics.Skeleton("person")
     for _ in LEGS:

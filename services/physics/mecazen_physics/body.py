@@ -1,4 +1,4 @@
-"""The robot's body in DART: what its two models have in common, and the one of all rollers."""
+"""The robot's body in DART: the base class of both models, and the model with all rollers."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ from mecazen_physics.scene import Layers, Scene
 from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion
 
 Drive = Literal["speed", "servo", "torque"]
-"""Quantity that the motors hold: a speed with any torque, a speed with limited torque, a torque.
+"""Quantity that the motors control: a speed with unlimited torque, a speed with limited torque, or
+a torque.
 
-A speed with any torque is part of DART's forward dynamics. A servo adds four constraints, a tenth
-of a tick's time, and gives the same result while its torque stays below the limit.
+A speed with unlimited torque is part of DART's forward dynamics. A servo adds four constraints,
+which take a tenth of a tick's computing time, and gives the same result while its torque stays
+below the limit.
 """
 _ACTUATORS = {
     "speed": dart.dynamics.VELOCITY,
@@ -29,17 +31,18 @@ _ACTUATORS = {
     "torque": dart.dynamics.FORCE,
 }
 MAX_TILT_RAD = 0.05
-"""A base that leans more may touch the ground with any roller."""
+"""Maximum tilt; beyond it, any roller may touch the ground [rad]."""
 LIFT_M_S = 0.02
-"""A wheel that rises faster leaves the ground."""
+"""A wheel that rises faster is leaving the ground [m/s]."""
 DEEPEST_M = 1e-3
-"""A wheel that is deeper was not set onto the ground by its own weight."""
+"""Maximum depth of a wheel that stands by its own weight [m]."""
 ALIGNED_RAD = math.radians(2.0)
-"""Maximum angle between the axes of DART and rollers: friction is 1/cos 2° = 1.0006 of its own."""
+"""Maximum angle between the axes of DART and rollers: friction is then 1/cos 2° = 1.0006 of its
+value."""
 
 
 class RobotBody(ABC):
-    """A robot in a scene, as one of the two models of its rollers."""
+    """A robot in a scene: the base class of the two models of its rollers."""
 
     def __init__(
         self,
@@ -61,33 +64,33 @@ class RobotBody(ABC):
         base = self.skeleton.getBodyNode(0)
         self._layers: Layers = {"base": [base], "wheel": self._hubs, "roller": self.rollers}
         self.drive: Drive = "torque"
-        """Quantity that the motors hold now."""
+        """Quantity that the motors control now."""
         scene.add(self.skeleton, self._layers)
         scene.check_detector(self.skeleton)
 
     @staticmethod
     @abstractmethod
     def tree(robot: Robot) -> Tree:
-        """Return the robot's links that are bodies."""
+        """Return the links that are DART bodies, and the lumped links."""
 
     @abstractmethod
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
-        """Return how many of `steps` steps can be simulated before the next call."""
+        """Prepare the next steps; return their number, at most `steps`, until the next call."""
 
     @abstractmethod
     def settle(self, steps: int) -> None:
-        """Take over from DART after `steps` steps that were simulated."""
+        """Update the rest of the state from DART after `steps` simulated steps."""
 
     @abstractmethod
     def read(self) -> Motion:
-        """Return the present motion, of all rollers."""
+        """Return the present motion, including all rollers."""
 
     @abstractmethod
     def write(self, motion: Motion) -> None:
-        """Put the robot into `motion`; the scene's own axes stay as they are."""
+        """Set the robot's motion; the scene's axes do not change."""
 
     def align(self, yaw: float, yaw_rate: float, *, alone: bool) -> None:
-        """Turn the scene's axes along the rollers' if the robot is alone, else to the world's."""
+        """Turn the scene's axes to the rollers' if the robot is alone, else to the world's."""
         off, heading = self.scene.alignment(yaw), 0.0
         if alone and off is not None:
             if abs(off) <= ALIGNED_RAD:
@@ -100,21 +103,21 @@ class RobotBody(ABC):
             self._turn(motion.in_axes_at(heading))
 
     def _turn(self, motion: Motion) -> None:
-        """Take over a motion that differs from the present one only by its axes."""
+        """Set a motion that differs from the present one only by its axes."""
         root = self.skeleton.getRootJoint()
         root.setPositions(motion.position[:ROOT_DOFS])
         root.setVelocities(motion.velocity[:ROOT_DOFS])
 
     def stand(self) -> None:
-        """Project positions onto the plane that the wheels stand on.
+        """Project the positions so that all wheels stand on the ground plane.
 
-        Wheels are round, so on a plane the four of them leave nothing open: height, two tilts, and
-        the front axle's angle. DART keeps them up by velocities alone. A wheel whose roller leaves
-        the ground within a step falls freely for as long, g·dt² deep, is pushed out by the next
-        roller, and loses grip and energy each time. Hence this projection after each step
-        (E. Eich, "Convergence results for a coordinate projection method", 1993); velocities
-        stay. Where a wheel rises faster than `LIFT_M_S`, or is deeper than `DEEPEST_M`,
-        nothing is done.
+        Wheels are round, so four wheels on a plane determine the height, two tilts, and the front
+        axle's angle. DART keeps the wheels on the ground by velocities only. A wheel whose roller
+        leaves the ground within a step falls freely for that step, g·dt² deep, and the next roller
+        pushes it out; it loses grip and energy each time. Therefore positions are projected after
+        each step (E. Eich, "Convergence results for a coordinate projection method", 1993);
+        velocities do not change. If a wheel rises faster than `LIFT_M_S`, or is deeper than
+        `DEEPEST_M`, nothing is done.
         """
         position = self.skeleton.getPositions()
         rx, ry, rz, _, _, z, axle = position[:BASE_DOFS].tolist()
@@ -129,10 +132,10 @@ class RobotBody(ABC):
             self.skeleton.setPositions(position)
 
     def add_rims(self) -> None:
-        """Have what other robots touch: the base, and rims of the wheels.
+        """Add the shapes that other robots touch: the base, and rims of the wheels.
 
-        A robot that never meets another has none: they would take time, and change the order in
-        which DART finds contacts.
+        A robot that never meets another has no such shapes: they would take time, and change the
+        order in which DART finds contacts.
         """
         if not self._hubs[0].getShapeNodes():
             bodies.add_rims(self.skeleton, self._hubs, self._robot, self._world)
@@ -152,7 +155,7 @@ class RobotBody(ABC):
         return motion
 
     def enter(self, scene: Scene, motion: Motion) -> None:
-        """Go on in a scene."""
+        """Enter a scene with a motion."""
         scene.add(self.skeleton, self._layers)
         self.scene = scene
         self.write(motion)
@@ -165,7 +168,7 @@ class RobotBody(ABC):
                 wheel.setActuatorType(_ACTUATORS[drive])
 
     def torques(self) -> list[float]:
-        """Return what the wheels' motors gave in the last step [N·m]."""
+        """Return the torques of the wheels' motors in the last step [N·m]."""
         if self.drive == "speed":
             return [float(hub.getBodyForce()[1]) for hub in self._hubs]
         if self.drive == "servo":
@@ -175,7 +178,7 @@ class RobotBody(ABC):
 
 
 class AllRollersBody(RobotBody):
-    """A robot of which every roller is a body."""
+    """A robot whose rollers are all DART bodies."""
 
     @staticmethod
     def tree(robot: Robot) -> Tree:
@@ -187,7 +190,7 @@ class AllRollersBody(RobotBody):
         return steps
 
     def settle(self, steps: int) -> None:
-        """Do nothing: all of the motion is DART's."""
+        """Do nothing: DART simulates the whole motion."""
 
     def read(self) -> Motion:
         """See `RobotBody`."""

@@ -10,4 +10,4 @@ class DivergedError(MecazenError):
 
 
 class UnsupportedError(MecazenError):
-    """The installed dartpy would not simulate what the scenario specifies."""
+    """The installed dartpy can't simulate what the scenario specifies."""

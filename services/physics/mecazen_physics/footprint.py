@@ -1,4 +1,4 @@
-"""Footprints: what can touch what soon."""
+"""Footprints: which bodies can touch each other soon."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from mecazen.config.world import Box, Cylinder, Ridge
 from mecazen.geometry import Pose2D
 
 HORIZON_S = 0.02
-"""Robots look around at least this often: farther ahead nothing is predictable."""
+"""Maximum time between two checks of a robot's surroundings, and horizon of the prediction [s]."""
 CLEARANCE_M = 0.02
-"""Added to the distance that two footprints can travel within the horizon."""
+"""Margin that is added to the distance that two footprints can travel within the horizon [m]."""
 MAX_ACCELERATION_M_S2 = 10.0
-"""No robot on the ground accelerates more."""
+"""Maximum acceleration of a robot on the ground."""
 
 
 def horizon_steps(physics: PhysicsConfig) -> int:
-    """Return the most steps that are simulated before robots look around again."""
+    """Return the maximum number of steps between two checks of the robots' surroundings."""
     return max(1, round(HORIZON_S / physics.dt_s))
 
 
 class Footprint(NamedTuple):
     """An upright body seen from above: a rectangle with a rim round it, in the world frame.
 
-    The centre (x, y), half the length, along `yaw` [rad], half the width, and the rim are in
-    [m]; no point of it moves faster than `speed` [m/s].
+    The centre (x, y), half the length, along `yaw` [rad], half the width, and the rim are in [m].
+    No point of the body moves faster than `speed` [m/s].
     """
 
     x: float
@@ -43,7 +43,7 @@ class Footprint(NamedTuple):
     ) -> Footprint:
         """Return the footprint of a robot with `Robot.footprint` = `extents`.
 
-        Its base_link is at `pose` in the world frame and moves with `speed` [m/s] and
+        The robot's base_link is at `pose` in the world frame and moves with `speed` [m/s] and
         `yaw_rate` [rad/s].
         """
         gain = MAX_ACCELERATION_M_S2 * HORIZON_S
@@ -60,19 +60,19 @@ class Footprint(NamedTuple):
 
     @classmethod
     def of_ridge(cls, ridge: Ridge) -> Footprint:
-        """Return the footprint of what rollers drive over."""
+        """Return the footprint of a ramp or sill."""
         return cls(*ridge.middle, ridge.top / 2 + ridge.run, ridge.width / 2)
 
     @property
     def radius(self) -> float:
-        """Radius of the circle round it [m]."""
+        """Radius of the circle round the footprint [m]."""
         return math.hypot(self.half_length, self.half_width) + self.rim
 
     def gap(self, other: Footprint) -> float:
         """Return a lower bound of the distance between the two [m].
 
-        It is the largest of those along the axes of both, and of each from the other's circle;
-        where one is a circle, it is the distance itself.
+        The bound is the largest gap along the axes of both footprints, and between each and the
+        other's circle. If one footprint is a circle, the bound is exact.
         """
         return max(
             self._gap_along_axes(other),
@@ -82,11 +82,11 @@ class Footprint(NamedTuple):
         )
 
     def travel(self, other: Footprint) -> float:
-        """Return how much closer the two may come within the horizon [m], and a clearance."""
+        """Return how much closer the two may come within the horizon, plus the clearance [m]."""
         return CLEARANCE_M + (self.speed + other.speed) * HORIZON_S
 
     def may_touch(self, other: Footprint, margin: float = 1.0) -> bool:
-        """Return whether the two may touch within the horizon, with a factor on that distance."""
+        """Return whether the two may touch within the horizon; `margin` scales `travel`."""
         travel = margin * self.travel(other)
         return self._gap_to_circle(other) <= travel and other._gap_to_circle(self) <= travel
 
@@ -103,7 +103,7 @@ class Footprint(NamedTuple):
         return math.hypot(max(ahead, 0.0), max(aside, 0.0)) - self.rim - other.radius
 
     def _offsets(self, other: Footprint) -> tuple[float, float]:
-        """Return how far the other's centre is beyond the sides, along x and y of this one [m]."""
+        """Return the distances of the other's centre beyond the sides, along x and y [m]."""
         x, y = other.x - self.x, other.y - self.y
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         ahead = abs(cos * x + sin * y) - self.half_length

@@ -1,4 +1,4 @@
-"""Instruments on board, from the state of the robot to what they measure."""
+"""On-board instruments: from the state of the robot to measurements."""
 
 from __future__ import annotations
 
@@ -19,13 +19,12 @@ NOT_MEASURED = (-1.0, *(0.0,) * 8)
 
 
 class Imu:
-    """An inertial measurement unit: white noise on a bias that walks at random.
+    """An inertial measurement unit with white noise and a random-walk bias.
 
     Args:
-        config: Its errors.
-        period: Ticks from one sample to the next.
-        tick_s: Duration of a tick [s].
-        seed: Seed of the errors.
+        config: The errors of the sensor.
+        period: Ticks from one sample to the next. tick_s: Duration of a tick [s]. seed: Seed of the
+            errors.
     """
 
     def __init__(self, config: ImuConfig, period: int, tick_s: float, seed: int) -> None:
@@ -78,10 +77,10 @@ class Imu:
 
 
 class Encoders:
-    """The encoders of the wheels: whole counts, and their change within a tick.
+    """The encoders of the wheels: whole counts, and their change per tick.
 
     Args:
-        config: Their resolution; not exact.
+        config: The resolution of the encoders; `counts_per_turn` must not be 0.
         tick_s: Duration of a tick [s].
     """
 
@@ -106,7 +105,7 @@ class Battery:
     """The battery, which sags under the load of the motors, and the measurement of its voltage.
 
     Args:
-        config: Its voltage and the noise.
+        config: The battery's voltage and the noise of its measurement.
         sag_per_nm: Share of the voltage that each N·m of the motors' summed torques costs.
         period: Ticks from one sample to the next.
         seed: Seed of the noise.

@@ -21,10 +21,10 @@ Array = npt.NDArray[np.float64]
 class Link:
     """A rigid body and the joint that connects it to its parent.
 
-    The joint's frame is the link's; `translation` (3,) [m] and `rotation` (3, 3) place it in
-    the parent's frame. `axis` (3,) is the axis of a revolute joint in that frame, None for a
-    fixed one. The centre of mass is at `centre` (3,) [m] in the link's frame; `moments` are
-    the principal moments of inertia about it [kg·m²], along the link's axes.
+    The joint's frame is the link's frame; `translation` (3,) [m] and `rotation` (3, 3) place it in
+    the parent's frame. `axis` (3,) is the axis of a revolute joint in the link's frame, None for a
+    fixed joint. The centre of mass is at `centre` (3,) [m] in the link's frame; `moments` are the
+    principal moments of inertia about the centre of mass [kg·m²], along the link's axes.
     """
 
     name: str
@@ -39,17 +39,18 @@ class Link:
 
 
 Tree = tuple[Sequence[Link], Sequence[Sequence[Link]]]
-"""The links of a model of the robot but for its base, in the order of `links`; and for each wheel
-what is lumped with it, in its frame, or nothing where every roller is a link."""
+"""The links of a model of the robot without the base, in the order of `links`; and for each wheel
+the links that are lumped with it, in the wheel's frame. The second part is empty if every roller is
+a link."""
 
 
 def hub_radius(robot: Robot) -> float:
-    """Return the radius of the cylinder left free by the rollers [m]."""
+    """Return the radius of the hub, the cylinder inside the rollers [m]."""
     return robot.wheels.radius_m - 2.0 * robot.rollers.max_radius_m
 
 
 def base(robot: Robot) -> Link:
-    """Return base_link, the root: its joint leads to the world."""
+    """Return base_link, the root; it has no parent."""
     box = robot.base
     centre = (0.0, 0.0, box.clearance_m + box.height_m / 2)
     moments = _box(box.mass_kg, box.length_m, box.width_m, box.height_m)
@@ -106,11 +107,11 @@ def lump(parts: Sequence[Link]) -> tuple[float, Array, Array]:
 
 
 def near_tree(robot: Robot) -> Tree:
-    """Return the robot of which all rollers but two a wheel are lumped with their wheels.
+    """Return the tree in which all rollers except two per wheel are lumped with their wheels.
 
-    The rollers left are the first and the last of each wheel, those beside the ground while
-    the wheel's angle is between 0 and a pitch. A roller turns freely about its own axis, so the
-    wheel does not feel its moment of inertia about it: its lumped part has none.
+    The separate rollers are the first and the last of each wheel, which are next to the ground
+    while the wheel's angle is between 0 and a pitch. A roller turns freely about its own axis, so
+    its moment of inertia about this axis does not act on the wheel: a lumped roller has none.
     """
     count = robot.rollers.count
     everything = links(robot)
@@ -135,9 +136,10 @@ def near_tree(robot: Robot) -> Tree:
 
 
 def driven_inertia(robot: Robot) -> float:
-    """Return what a motor has to turn when the robot drives off [kg·m²].
+    """Return the moment of inertia that a motor accelerates when the robot drives off [kg·m²].
 
-    The wheel with its rollers about the axle, and its share of the robot's mass at its rim.
+    The result is the inertia of the wheel with its rollers about the axle, plus that of the wheel's
+    share of the robot's mass at the rim.
     """
     everything = [base(robot), *links(robot)]
     mass = math.fsum(link.mass for link in everything)
@@ -162,11 +164,11 @@ def _wheel(robot: Robot, wheel: str) -> Link:
 
 
 def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
-    """Return roller `index` of `wheel`: index 0 at the bottom, the next turned about +y.
+    """Return roller `index` of `wheel`: index 0 is at the bottom, the next ones follow about +y.
 
-    On the ground the axes of rollers of `side` -1 point forward and right, of +1 forward and
-    left. In the arrangement X front left and rear right wheels are of side -1: seen from above,
-    the rollers on top form an X.
+    On the ground the axes of rollers with `side` -1 point forward and right, those with +1 forward
+    and left. In the arrangement X the front left and rear right wheels have side -1: seen from
+    above, the rollers on top form an X.
     """
     z = np.array([side * np.sin(roller.angle), np.cos(roller.angle), 0.0])
     y = np.array([0.0, 0.0, -1.0])

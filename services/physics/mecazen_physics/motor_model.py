@@ -1,4 +1,4 @@
-"""Real motors: delay, dead band, gains and lag between commands and wheels, friction and supply."""
+"""Model of real motors: delay, dead band, gain and lag of commands, friction, supply voltage."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Speeds = tuple[float, ...]
 
 
 class MotorModel:
-    """How the four wheels follow their commands.
+    """The response of the four wheels to their commands.
 
     Args:
-        motors: Their parameters.
+        motors: Parameters of the motors.
         dt: Physics step [s].
     """
 
@@ -27,7 +27,7 @@ class MotorModel:
         self._motors, self._dt = motors, dt
         self._steps = 0
         self._commands: deque[tuple[float, Speeds]] = deque()
-        """Times at which commands arrive at the motors [s], and the commands; not yet in force."""
+        """Pending commands, with the times at which they arrive at the motors [s]."""
         self._newest: Speeds = (0.0,) * len(WHEELS)
         self._in_force = self._newest
         self._output = self._newest
@@ -49,7 +49,7 @@ class MotorModel:
         """Return the output at the end of the next step: speeds [rad/s], or torques [N·m].
 
         Args:
-            supplied: Share of the supply's voltage that is left under load.
+            supplied: Share of the supply voltage that remains under load.
         """
         now, end = self._steps * self._dt, (self._steps + 1) * self._dt
         while self._commands and self._commands[0][0] < end:
@@ -78,12 +78,12 @@ class MotorModel:
 
 
 def friction(motors: Motors, speed: float) -> float:
-    """Return the torque that friction of motor and gear takes at a wheel's speed [rad/s]."""
+    """Return the friction torque of motor and gear [N·m] at a wheel's speed [rad/s]."""
     part = min(max(speed / STILL_RAD_S, -1.0), 1.0)
     return motors.coulomb_nm * part + motors.viscous_nms * speed
 
 
 def supply(sag_per_nm: float, state: RobotState) -> float:
-    """Return the share of the supply's voltage that is left under the load of the motors."""
+    """Return the share of the supply voltage that remains under the load of the motors."""
     load = math.fsum(abs(torque) for torque in state.joint_effort[: len(WHEELS)])
     return max(1.0 - sag_per_nm * load, 0.0)

@@ -21,7 +21,7 @@ from mecazen_physics.motor_model import MotorModel, friction, supply
 from mecazen_physics.state import RobotState
 
 TORQUE_HEADROOM = 0.8
-"""Motors that need less than this share of their torque are simulated without its limit."""
+"""Motors that need less than this share of their maximum torque are simulated without the limit."""
 
 Push = Callable[[], object]
 """Sets the wheels' commands before a step."""
@@ -30,7 +30,7 @@ Push = Callable[[], object]
 class WheelPid:
     """PID from speed error to torque, as control_toolbox's: the integral term is clamped.
 
-    Called once per physics step of `dt` [s].
+    The PID is updated once per physics step of `dt` [s].
     """
 
     def __init__(self, gains: Pid, max_torque: float, dt: float) -> None:
@@ -55,9 +55,9 @@ class WheelPid:
 class Motors:
     """The four motors of a robot.
 
-    Speeds and torques beyond the motor's limits are taken as the limits, and a wheel at its
-    highest speed is not driven further by a torque. With a table `motors` in the robot file, they
-    follow commands as real motors do, and the torque at a wheel is what friction leaves.
+    Speeds and torques are clipped at the motor's limits, and a torque does not accelerate a wheel
+    beyond its maximum speed. With a table `motors` in the robot file, the motors follow commands as
+    real motors do, and friction is subtracted from the torque at a wheel.
     """
 
     def __init__(self, robot: Robot, physics: PhysicsConfig) -> None:
@@ -86,13 +86,13 @@ class Motors:
         *,
         strict: bool,
     ) -> tuple[list[tuple[float, float]], Push | None]:
-        """Give the motors of `body` a command for the next `steps` steps.
+        """Send a command to the motors of `body` for the next `steps` steps.
 
-        Where that is not `strict`, motors with headroom are simulated without their limit.
+        If not `strict`, motors with headroom are simulated without their torque limit.
 
         Returns:
-            The lowest and the highest speed that each wheel should have in them [rad/s], and
-            what is to be called before each step, if anything.
+            The lowest and the highest speed of each wheel in these steps [rad/s], and a function to
+            call before each step, if needed.
         """
         speeds = state.joint_velocity[: len(WHEELS)]
         if self._real is not None:
@@ -126,7 +126,7 @@ class Motors:
         state: RobotState,
         steps: int,
     ) -> tuple[list[tuple[float, float]], Push]:
-        """Give real motors a command; see `apply`."""
+        """Send a command to real motors; see `apply`."""
         supplied = supply(real.sag_per_nm, state)
         speeds, wheels = state.joint_velocity[: len(WHEELS)], body.wheels
         limit = self._max_torque if command.is_effort else self._max_speed
@@ -162,7 +162,7 @@ class Motors:
         return ranges, push
 
     def _steps_within_headroom(self, target: Sequence[float], state: RobotState) -> float:
-        """Return in how many steps the wheels reach `target` [rad/s] within the headroom."""
+        """Return the number of steps in which the headroom allows to reach `target` [rad/s]."""
         if state.time == 0.0:
             return math.inf  # the first torque is not known yet
         efforts, speeds = state.joint_effort[: len(WHEELS)], state.joint_velocity
@@ -181,7 +181,7 @@ class Motors:
         self._push(wheels, torques)
 
     def _push(self, wheels: Sequence[Any], torques: Sequence[float]) -> None:
-        """Set the wheels' torques [N·m], as far as motors give them at their speeds."""
+        """Set the wheels' torques [N·m], within the motors' limits at the present speeds."""
         limit, fastest = self._max_torque, self._max_speed
         for wheel, torque in zip(wheels, torques, strict=True):
             speed = wheel.getVelocity(0)

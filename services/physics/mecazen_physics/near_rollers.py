@@ -1,11 +1,11 @@
-"""The robot's body with two rollers a wheel: those near the ground.
+"""The robot's body with two rollers per wheel: those near the ground.
 
-A wheel that turns by a pitch p = 2π/N looks the same. So its joint keeps an angle q within
-about [0, p), the real one less k pitches, and the bodies are the rollers in two *places*: at q
-and q - p from the bottom, the only ones near the ground. When q leaves that range it is
-brought back by a pitch and every roller moves on by one place: one of the two bodies gets the
-angle and spin of the other, which is at the bottom in both cases, and the other those of an
-airborne roller. No geometry and no inertia of the bodies changes.
+A wheel that turns by a pitch p = 2π/N looks the same. So its joint keeps an angle q within about
+[0, p), which is the real angle less k pitches. The bodies are the rollers in two *places*, at q and
+q - p from the bottom, the only rollers near the ground. When q leaves that range, it is shifted
+back by a pitch and every roller moves on by one place. Then one of the two bodies takes over the
+angle and spin of the other body, since the same roller is at the bottom before and after. The other
+body takes over those of an airborne roller. The geometry and inertia of the bodies do not change.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion, unro
 CLEAR_RAD = 0.1
 """Beyond its arc a roller is clear of the ground: by R (1 - cos 0.1), 0.2 mm at R = 50 mm."""
 SPEED_MARGIN = 1.5
-"""How much faster than its present and its commanded speed a wheel may become within a tick."""
+"""Factor by which a wheel may exceed its present and its commanded speed within a tick."""
 PULL_RAD_S2 = 200.0
-"""Acceleration of a wheel by weight and grip beside its motor: 1 g at R = 50 mm."""
+"""Acceleration of a wheel by weight and grip, in addition to its motor: 1 g at R = 50 mm."""
 SLACK_RAD = 0.02
-"""How far beyond its range a wheel may be expected before it is brought back: one that rests
-on the border is not brought back and forth."""
+"""Hysteresis of the range of a wheel's angle: a wheel that rests on the border is not shifted back
+and forth."""
 
 _WHEELS = len(WHEELS)
 _FIRST_ROLLER = BASE_DOFS + _WHEELS
 
 
 class NearRollersBody(RobotBody):
-    """A robot with two rollers a wheel as bodies: nothing but the ground can touch a roller."""
+    """A robot with two rollers per wheel as bodies: only the ground can touch a roller."""
 
     tree = staticmethod(near_tree)
 
@@ -55,7 +55,7 @@ class NearRollersBody(RobotBody):
         super().__init__(scene, robot, start, physics, world)
         count = robot.rollers.count
         self._pitch = math.tau / count
-        # The arc, a pitch long, of the next roller begins a pitch beyond that of a body.
+        # The arc of the next roller, which is a pitch long, begins a pitch beyond that of a body.
         self._travel = self._pitch - 2.0 * (CLEAR_RAD + MAX_TILT_RAD + SLACK_RAD)
         if self._travel < robot.wheels.max_speed_rad_s * physics.dt_s:
             raise UnsupportedError(
@@ -65,20 +65,20 @@ class NearRollersBody(RobotBody):
             )
         self.airborne = AirborneRollers(robot, physics.dt_s)
         self._rolls = [np.roll(np.arange(count), pitches) for pitches in range(count)]
-        """Indices that do as `np.roll` does, which takes ten times as long."""
+        """Indices that replace `np.roll`, which takes ten times as long."""
         angles, spins, _ = self.airborne.places
         self._body_angles, self._body_spins = angles[:, :: count - 1], spins[:, :: count - 1]
-        """Views of those of the bodies."""
+        """Views of the angles and spins of the bodies."""
         self._columns = np.arange(_WHEELS * count)
         """The column of `AirborneRollers.state` of each roller."""
         self._order = self._columns.reshape(_WHEELS, count)
-        """A view of them, by wheel."""
+        """A view of `_columns`, by wheel."""
         self._pitches = [0] * _WHEELS
         self._position: list[float] = self.skeleton.getPositions().tolist()
         self._velocity: list[float] = self.skeleton.getVelocities().tolist()
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
-        """Bring back the wheels whose rollers move on; see `RobotBody`."""
+        """Shift the angles of wheels whose rollers move on; see `RobotBody`."""
         pull = PULL_RAD_S2 * self._dt * steps
         ahead = [(min(0.0, low - pull), max(0.0, high + pull)) for low, high in speeds]
         ahead_s = SPEED_MARGIN * self._dt
@@ -136,21 +136,21 @@ class NearRollersBody(RobotBody):
         self.airborne.set_rates(self._rates())
 
     def _turn_back(self, wheel: int, pitches: int) -> None:
-        """Take whole pitches off a wheel's angle; its rollers' places are others then."""
+        """Subtract whole pitches from a wheel's angle, and move its rollers to their new places."""
         self._position[BASE_DOFS + wheel] -= pitches * self._pitch
         self._pitches[wheel] += pitches
         count = len(self._rolls)
         self._order[wheel] = wheel * count + self._rolls[-self._pitches[wheel] % count]
 
     def _write_bodies(self) -> None:
-        """Write positions and velocities, the bodies' from the rollers in their places."""
+        """Write positions and velocities to DART, with those of the two near rollers."""
         self._position[_FIRST_ROLLER:] = self._body_angles.ravel().tolist()
         self._velocity[_FIRST_ROLLER:] = self._body_spins.ravel().tolist()
         self.skeleton.setPositions(self._position)
         self.skeleton.setVelocities(self._velocity)
 
     def _rates(self) -> list[float]:
-        """Return the wheels' rates as `AirborneRollers` takes them [rad/s]."""
+        """Return the wheels' rates in the order of `AirborneRollers` [rad/s]."""
         roll, pitch, yaw = unrotate(quaternion(*self._position[:3]), *self._velocity[:3])
         on_axle = roll + self._velocity[BASE_DOFS - 1]
         angles = self._position[BASE_DOFS:_FIRST_ROLLER]

@@ -1,4 +1,4 @@
-"""Physics as a node: commands and people in, the state of each robot out."""
+"""The physics node: simulates commands and people, and publishes the state of each robot."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ TOO_FAR = f"farther from where they were than {FASTEST_PERSON:g} m/s take one"
 
 
 class PhysicsWorld(World):
-    """Robots with every roller, and what they can touch."""
+    """Robots with every roller, and everything that they can touch."""
 
     ROW = TABLE["physics"]
 
@@ -75,13 +75,13 @@ class PhysicsWorld(World):
         """The name of the person whom each robot follows."""
 
     def configure(self, scenario: Scenario) -> None:
-        """Brake wheels without a command within other limits from now on."""
+        """Brake wheels without a command within the changed limits from now on."""
         super().configure(scenario)
         for name, watchdog in self.watchdogs.items():
             watchdog.configure(scenario.of(name))
 
     def reset(self, seed: int) -> None:
-        """Put the robots back to the start, in a new simulation."""
+        """Start a new simulation, with the robots at their start poses."""
         self.simulation = self.make_simulation()
         self.robots = dict(zip(self.parts, self.simulation.robots, strict=True))
         self.watchdogs = {name: Watchdog(part) for name, part in self.parts.items()}
@@ -96,7 +96,7 @@ class PhysicsWorld(World):
         self.reported: dict[str, ReportedPerson] = {}
         """Persons by name."""
         self.walking: dict[str, MovingPerson] = {}
-        """The persons who were reported, unless that is too long ago."""
+        """The persons with a recent report."""
         self.numbers = {name: number for number, name in enumerate(self.followed.values())}
         """Numbers of the persons: first those whom robots follow."""
 
@@ -121,7 +121,7 @@ class PhysicsWorld(World):
         return {name: self._outputs(name, tick) for name in self.robots}
 
     def _outputs(self, name: str, tick: Tick) -> Outputs:
-        """Return a robot's joints, its true pose, and what its instruments measure."""
+        """Return a robot's joints, its true pose, and the measurements of its instruments."""
         state = self.robots[name].state
         outputs = _messages(self.robots[name], tick, self.encoders.get(name))
         for topic, instrument in self.instruments[name].items():
@@ -130,7 +130,7 @@ class PhysicsWorld(World):
         return outputs
 
     def _command(self, name: str, inputs: Inputs) -> WheelCommand:
-        """Return what the motors are to do, at rest if no commands come any more."""
+        """Return the command for the motors; they brake if commands stop."""
         joints, command = inputs.get(JOINT_COMMAND), None
         if joints is not None:
             try:
@@ -141,7 +141,7 @@ class PhysicsWorld(World):
         return self.watchdogs[name].command(command, inputs.age_s(JOINT_COMMAND), speeds)
 
     def _place_followed(self, name: str, inputs: Inputs) -> None:
-        """Put a person whom a robot follows where they are; they stop if no sample comes."""
+        """Place a followed person as reported; the person stops if no sample comes."""
         message = inputs.get(self.person_topic)
         if message is None:
             if inputs.age_s(self.person_topic) > self.config.watchdog_s:
@@ -163,7 +163,7 @@ class PhysicsWorld(World):
             self._place(name, reported.upright(pose, twist))
 
     def _place_walkers(self, inputs: Inputs) -> None:
-        """Put all other persons where they are; they stop if no sample comes."""
+        """Place all other persons as reported; they stop if no sample comes."""
         people = inputs.get(PEOPLE)
         followed = self.followed.values()
         walkers = [name for name in self.walking if name not in followed]
@@ -208,7 +208,7 @@ class PhysicsWorld(World):
         return {ROBOT_DESCRIPTION.key: meshes(self.parts[robot].robot)}
 
     def diagnostics(self) -> dict[str, object]:
-        """Return where the robots are."""
+        """Return the positions of the robots."""
         values: dict[str, object] = {}
         for name, robot in self.robots.items():
             x, y, _ = robot.state.position
@@ -218,7 +218,7 @@ class PhysicsWorld(World):
 
 
 def _instruments(part: Scenario, seed: int) -> dict[Topic[Any], Imu | Battery]:
-    """Return the instruments of a robot that its scenario asks for, with noise from `seed`."""
+    """Return the instruments of a robot that its scenario enables, with noise from `seed`."""
     found: dict[Topic[Any], Imu | Battery] = {}
     if "imu" in part.features:
         period = part.ticks_per("sensors.imu.rate_hz")

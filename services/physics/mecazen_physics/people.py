@@ -1,4 +1,4 @@
-"""People as robots touch them: an upright cylinder, or the limbs that a robot can reach."""
+"""Contact shapes of people: an upright cylinder, or the limbs that a robot can reach."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RADII = np.array([limb.radius for limb in LEGS])
 
 
 class Legs(NamedTuple):
-    """The axes of the capsules `LEGS`: from (6, 3) to (6, 3) [m], moving with [m/s]."""
+    """The axes of the capsules `LEGS`: begins and ends (6, 3) [m], and their velocities [m/s]."""
 
     begins: Floats
     ends: Floats
@@ -40,7 +40,7 @@ class MovingPerson(NamedTuple):
     y: float
     velocity: tuple[float, float]
     legs: Legs | None = None
-    """The legs of a person who has joints, which robots touch."""
+    """The legs of a person with joints, which robots touch."""
 
     @classmethod
     def upright(cls, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
@@ -53,7 +53,7 @@ class MovingPerson(NamedTuple):
     def of_joints(cls, joints: Floats, velocities: Floats, height: float) -> MovingPerson:
         """Return a person whose joints (20, 3) [m] move with `velocities` (20, 3) [m/s].
 
-        They are in the order of `mecazen.skeleton.JOINTS`, in the world frame.
+        Joints are in the order of `mecazen.skeleton.JOINTS`, in the world frame.
         """
         legs = Legs(joints[_BEGINS], joints[_ENDS], velocities[_BEGINS], velocities[_ENDS], height)
         pelvis = INDEX["pelvis"]
@@ -61,7 +61,7 @@ class MovingPerson(NamedTuple):
         return cls(x, y, (vx, vy), legs)
 
     def standing(self) -> MovingPerson:
-        """Return them at rest."""
+        """Return the person at rest."""
         legs = self.legs
         if legs is not None:
             still = np.zeros_like(legs.begins)
@@ -69,7 +69,7 @@ class MovingPerson(NamedTuple):
         return MovingPerson(self.x, self.y, (0.0, 0.0), legs)
 
     def after(self, duration: float) -> MovingPerson:
-        """Return where they are `duration` [s] later, at the same velocities."""
+        """Return the person `duration` [s] later, at the same velocities."""
         (vx, vy), legs = self.velocity, self.legs
         if legs is not None:
             legs = legs._replace(
@@ -79,7 +79,7 @@ class MovingPerson(NamedTuple):
         return MovingPerson(self.x + vx * duration, self.y + vy * duration, self.velocity, legs)
 
     def footprint(self, radius: float) -> Footprint:
-        """Return the circle about all that can be touched: legs reach beyond `radius` [m]."""
+        """Return the circle round all touchable parts: legs reach beyond `radius` [m]."""
         speed = math.hypot(*self.velocity)
         if self.legs is not None:
             begins, ends, *velocities, height = self.legs
@@ -91,9 +91,9 @@ class MovingPerson(NamedTuple):
 
 
 class ReportedPerson:
-    """A person whom samples report: how fast their joints move, and which samples are plausible.
+    """A person who is reported by samples: estimates joint velocities, and checks plausibility.
 
-    `height` [m] is that of a body of which it is not known.
+    `height` [m] is the default for a body of unknown height.
     """
 
     def __init__(self, height: float) -> None:
@@ -102,14 +102,14 @@ class ReportedPerson:
         self._time = 0.0
 
     def can_be_at(self, points: Floats, gap_s: float) -> bool:
-        """Return whether points (n, 2 or 3) [m] are within reach of the last ones in `gap_s`.
+        """Return whether points (n, 2 or 3) [m] are reachable from the last points in `gap_s`.
 
         A person who jumps would shove a robot.
         """
         if self._points is None:
             return True
         steps = map(math.dist, points.tolist(), self._points.tolist())
-        return all(step <= FASTEST_PERSON * gap_s for step in steps)  # none is NaN then
+        return all(step <= FASTEST_PERSON * gap_s for step in steps)  # False for NaN
 
     def upright(self, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
         """Return a person at `pose`, moving with `velocity` in their own frame."""
@@ -117,7 +117,7 @@ class ReportedPerson:
         return MovingPerson.upright(pose, velocity)
 
     def with_joints(self, joints: Floats, time: float, height: float) -> MovingPerson:
-        """Return a person whose joints (20, 3) [m] are there at `time` [s]; first they stand."""
+        """Return a person with joints (20, 3) [m] at `time` [s], at rest in the first sample."""
         velocities = np.zeros_like(joints)
         if self._points is not None and time > self._time:
             velocities = (joints - self._points) / (time - self._time)
@@ -128,7 +128,7 @@ class ReportedPerson:
 
 
 def place(skeleton: Any, person: MovingPerson) -> None:
-    """Put a person's skeleton of DART where they are, moving as they do."""
+    """Set position and velocity of a person's DART skeleton."""
     if person.legs is None:
         skeleton.setPositions([person.x, person.y])
         skeleton.setCommands(person.velocity)

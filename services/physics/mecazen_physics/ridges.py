@@ -1,9 +1,9 @@
 """Ramps and sills under the rollers: a plane for each roller that is about to touch one.
 
-Only a plane has smooth contacts with a roller. A roller and a ridge are both
-convex, so the plane through the nearest point of the ridge, at right angles to the shortest
-way to the roller, has each of them on one side: a contact with it is one with the ridge. It is
-laid again before each step, so rollers roll over edges.
+Only a plane has smooth contacts with a roller. A roller and a ridge are both convex. So the plane
+through the nearest point of the ridge, at right angles to the shortest line to the roller,
+separates them, and a contact with the plane is a contact with the ridge. The planes are placed
+again before each step, so rollers roll over edges.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from mecazen_physics.rollers import Roller
 from mecazen_physics.scene import Scene
 
 NEAR_M = 0.002
-"""A roller this close to a ridge has a plane: no roller comes closer within a step."""
+"""A roller this close to a ridge gets a plane: no roller moves farther within a step."""
 PLANES = 3 * len(WHEELS)
-"""A wheel touches a ridge with two rollers at most, and may touch a second ridge."""
+"""Number of planes: a wheel touches a ridge with at most two rollers, and may touch a second
+ridge."""
 
 
 class Profile:
-    """The surface of a ridge: distances from it."""
+    """The surface of a ridge, for distances to it."""
 
     def __init__(self, ridge: Ridge) -> None:
         foot, edge = ridge.top / 2 + ridge.run, ridge.top / 2
@@ -45,10 +46,10 @@ class Profile:
         self._half_width = ridge.width / 2
 
     def nearest(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return distances (n,) [m] of points (n, 3), and unit vectors (n, 2) from it to them.
+        """Return distances (n,) [m] to points (n, 3), and unit vectors (n, 2) to the points.
 
-        The vectors are along the way across it, and up. Beside its width, or below the surface,
-        distances are infinite.
+        The components of a vector are along the driving direction across the ridge, and up. For
+        points beside the ridge, or below its surface, distances are infinite.
         """
         flat = points[:, :2] - self._origin
         section = np.stack((_along(flat, self._ahead), points[:, 2]), axis=-1)
@@ -65,7 +66,7 @@ class Profile:
         return distances, ways
 
     def plane(self, point: Floats, distance: float, way: Floats) -> Any:
-        """Return the pose of the plane, z upwards, at the nearest point to `point` (3,)."""
+        """Return the pose of the plane at the surface point nearest to `point` (3,)."""
         along, up = way.tolist()
         (x, y), (left_x, left_y) = self._ahead.tolist(), self._across.tolist()
         normal = along * x, along * y, up
@@ -100,10 +101,10 @@ class RidgeContacts:
         self.skeleton, self.planes = bodies.build_planes(PLANES, friction)
         self._joints = [plane.getParentJoint() for plane in self.planes]
         self._carried: dict[int, tuple[int, int]] = {}
-        """Which ridge and roller each plane is between."""
+        """The ridge and the roller of each plane in use."""
 
     def lay(self, scene: Scene) -> None:
-        """Lay the planes for the next step."""
+        """Place the planes for the next step."""
         hubs = np.array([hub.getWorldTransform().translation() for hub in self._hubs])
         wanted: dict[tuple[int, int], tuple[float, Any]] = {}
         for ridge, profile in enumerate(self._profiles):
@@ -118,7 +119,7 @@ class RidgeContacts:
     def _touching(
         self, profile: Profile, numbers: Sequence[int]
     ) -> Iterator[tuple[int, float, Any]]:
-        """Yield the rollers near a ridge, of some: number, gap [m], and pose of the plane."""
+        """Yield number, gap [m] and pose of the plane for each of `numbers` near a ridge."""
         frames = np.array([self._rollers[n].getWorldTransform().matrix() for n in numbers])
         (close,) = np.nonzero(profile.nearest(frames[:, :3, 3])[0] < self._bound)
         if not len(close):
@@ -137,11 +138,11 @@ class RidgeContacts:
                 yield numbers[roller], gap, pose
 
     def lift(self, scene: Scene) -> None:
-        """Take all planes away from the rollers."""
+        """Release all planes."""
         self._assign(scene, ())
 
     def _assign(self, scene: Scene, wanted: Sequence[tuple[int, int]]) -> None:
-        """Have a plane for each of these pairs of ridge and roller, the same one as before."""
+        """Assign a plane to each pair of ridge and roller; pairs keep their planes."""
         for plane, pair in [*self._carried.items()]:
             if pair not in wanted:
                 scene.keep_apart([self.planes[plane]], [self._rollers[pair[1]]])

@@ -1,4 +1,4 @@
-"""A simulated robot: its motors, the model of its rollers, and what may touch it."""
+"""A simulated robot: its motors, the model of its rollers, and its possible contacts."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from mecazen_physics.scene import Scene
 from mecazen_physics.state import BASE_DOFS, RobotState, check_converged
 
 NEARBY_M = 1.0
-"""The obstacles nearby are found again after this way: a map may have hundreds."""
+"""Distance after which nearby obstacles are searched again: a map may have hundreds [m]."""
 STANDING_RAD = 1e-3
-"""A base that leans more does not stand on its four wheels."""
+"""Maximum tilt of a base that stands on its four wheels."""
 HYSTERESIS = 1.5
-"""A robot is isolated again at this multiple of the distance at which it ceases to be."""
+"""A robot becomes isolated again at this multiple of the distance at which isolation ends."""
 
 
 class SimulatedRobot:
     """A robot at rest at `start`, its motors, and the people round it.
 
-    With `physics.rollers` = "near" its body has the rollers near the ground while it is upright
-    and on a plane, and else all of them. The motion passes from one body to the other.
+    With `physics.rollers` = "near" the body has only the rollers near the ground while the robot is
+    upright and on a plane, and otherwise all rollers. The motion is transferred between the bodies.
 
     Raises:
-        UnsupportedError: if dartpy does not simulate the rollers' shape, an obstacle is so low
-            that the robot could drive onto it, a roller's bearing too stiff for the step, or
-            the rollers too many for `NearRollersBody`.
+        UnsupportedError: if dartpy does not simulate the rollers' shape, an obstacle is so low that
+            the robot could drive onto it, a roller's bearing has too much friction for the step, or
+            a wheel has too many rollers for `NearRollersBody`.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class SimulatedRobot:
         # base_link's origin is the mean of the wheels' lowest points, which no attitude of a
         # robot above the ground brings below it.
         self._max_depth = robot.rollers.max_radius_m
-        # Nothing that a robot touches makes it ten times as fast as its motors can.
+        # No contact makes a robot ten times as fast as its motors can.
         self.max_speed = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         """A robot that is faster [m/s] has diverged."""
         self.joint_names = tuple(link.joint for link in model.links(robot) if link.axis is not None)
@@ -59,7 +59,7 @@ class SimulatedRobot:
         self._obstacles = [Footprint.of_obstacle(solid) for solid in solids]
         self._ridges = [Footprint.of_ridge(ridge) for ridge in world.ridges]
         self.home = Scene(robot, physics, world)
-        """The scene that it is in while it is far from all other robots."""
+        """The scene of the robot while it is far from all other robots."""
         self._build_all = partial(AllRollersBody, self.home, robot, start, physics, world)
         self._on_plane: RobotBody
         if physics.rollers == "near":
@@ -74,16 +74,16 @@ class SimulatedRobot:
             self._add_rims()
         self._motors = Motors(robot, physics)
         self.isolated = True
-        """Whether it is upright, and nothing but the ground can touch it soon."""
+        """Whether the robot is upright, and only the ground can touch it soon."""
         self._upright = self._alone = True
         self._ridges_in: Scene | None = None
-        """The scene in which ridges carry it now."""
+        """The scene in which ridges carry the robot now."""
         self._nearby_from = math.inf, math.inf
-        """Where the robot was when it last found the obstacles nearby."""
+        """Position of the robot at the last search for nearby obstacles."""
         self._nearby: list[Footprint] = []
         self._people: dict[int, MovingPerson] = {}
         self.close_people: dict[int, MovingPerson] = {}
-        """The people who may touch the robot soon, by their numbers."""
+        """The people who may touch the robot soon, by number."""
         self.near_obstacle = False
         """Whether an obstacle may touch the robot soon."""
         self._steps = 0
@@ -92,7 +92,7 @@ class SimulatedRobot:
 
     @cached_property
     def _all(self) -> AllRollersBody:
-        """The body of all rollers, which many a robot never needs."""
+        """The body with all rollers, built on demand: many robots never need it."""
         if isinstance(self._on_plane, AllRollersBody):
             return self._on_plane
         body = self._build_all()
@@ -101,13 +101,13 @@ class SimulatedRobot:
 
     @cached_property
     def _ridge_contacts(self) -> RidgeContacts:
-        """The planes that carry it over ramps and sills."""
+        """The planes that carry the robot over ramps and sills."""
         friction = bodies.ground_friction(self._robot, self._world)
         hubs = [wheel.getChildBodyNode() for wheel in self._all.wheels]
         return RidgeContacts(self._robot, self._world.ridges, hubs, self._all.rollers, friction)
 
     def footprint(self) -> Footprint:
-        """Return the robot seen from above."""
+        """Return the robot's present footprint."""
         state = self.state
         x, y, _ = state.position
         speed = math.hypot(*state.linear[:2])
@@ -120,7 +120,7 @@ class SimulatedRobot:
         self.body.scene.place_person(number, person)
 
     def share(self, scene: Scene, *, alone: bool) -> None:
-        """Be in a scene from now on, by itself or with other robots, the scene's own one first."""
+        """Move to a scene, `alone` or with other robots; the scene's own robot moves first."""
         self._alone = alone
         if scene is not self.body.scene:
             self._carry(None)
@@ -137,7 +137,7 @@ class SimulatedRobot:
             self.body.add_rims()
 
     def look_around(self) -> None:
-        """Find what may touch the robot soon, and take the body and the axes that suit it."""
+        """Find all that may touch the robot soon, and choose body and axes accordingly."""
         lean = self.state.tilt if self._upright else HYSTERESIS * self.state.tilt
         self._upright = lean < MAX_TILT_RAD
         near_ridge = self.near_obstacle = False
@@ -162,7 +162,7 @@ class SimulatedRobot:
         scene = self.body.scene
         body = self._all if near_ridge or not self._upright else self._on_plane
         if body is not self.body:
-            # a body that is not simulated is in no scene: anywhere it would be in the way
+            # a body that is not simulated is in no scene: it would collide with others
             body.enter(scene, self.body.leave())
             if self._has_rims:
                 body.add_rims()
@@ -173,7 +173,7 @@ class SimulatedRobot:
             body.set_friction([self._friction_below(wheel) for wheel in WHEELS])
 
     def _find_nearby(self, footprint: Footprint) -> list[Footprint]:
-        """Return the obstacles that it may touch within the next `NEARBY_M` of its way."""
+        """Return the obstacles that the robot may touch within the next `NEARBY_M`."""
         if math.dist(self._nearby_from, footprint[:2]) > NEARBY_M:
             self._nearby_from = footprint.x, footprint.y
             reach = NEARBY_M + HYSTERESIS * (CLEARANCE_M + 2.0 * self.max_speed * HORIZON_S)
@@ -181,7 +181,7 @@ class SimulatedRobot:
         return self._nearby
 
     def _carry(self, scene: Scene | None) -> None:
-        """Have ridges carry the rollers in a scene from now on, or in none."""
+        """Let ridges carry the rollers in a scene from now on, or in none."""
         if scene is self._ridges_in:
             return
         ridges = self._ridge_contacts
@@ -193,17 +193,17 @@ class SimulatedRobot:
         self._ridges_in = scene
 
     def _friction_below(self, wheel: str) -> float:
-        """Return the coefficient between a wheel's rollers and the ground below it."""
+        """Return the friction coefficient between a wheel's rollers and the ground."""
         x, y, _ = self.state.position
         at = Pose2D(x, y, self.state.yaw).compose(Pose2D(*self._robot.wheel_position(wheel)[:2]))
         patches = [patch for patch in self._world.patches if patch.covers(at.x, at.y)]
         return bodies.ground_friction(self._robot, patches[-1] if patches else self._world)
 
     def prepare(self, command: WheelCommand, steps: int) -> tuple[int, list[Push]]:
-        """Give the motors a command for at most `steps` steps.
+        """Send a command to the motors for at most `steps` steps.
 
         Returns:
-            How many steps can be simulated before the next call, and what is called before each.
+            The number of steps until the next call, and functions to call before each step.
         """
         steps = min(steps, self._horizon)
         strict = not self.isolated or self.state.tilt > STANDING_RAD
@@ -215,15 +215,15 @@ class SimulatedRobot:
 
     @property
     def stands(self) -> bool:
-        """Whether its wheels stand on the plane of the ground."""
+        """Whether the wheels stand on the plane of the ground."""
         return self._upright and self._ridges_in is None
 
     def settle(self, steps: int) -> None:
-        """Take over the state after `steps` steps that were simulated.
+        """Update the state after `steps` simulated steps.
 
         Raises:
-            DivergedError: if it is no longer one of a robot on the ground; the last good state
-                stays.
+            DivergedError: if the state is not plausible for a robot on the ground; the last good
+                state remains.
         """
         self.body.settle(steps)
         duration = steps * self._dt

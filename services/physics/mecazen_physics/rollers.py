@@ -74,8 +74,8 @@ class Roller:
     def half_arc(self) -> float:
         """Wheel angle from the roller's middle to its end [rad].
 
-        The arcs of all rollers just cover the circle, so the wheel is round without a gap
-        and hands over from one roller to the next in a single position.
+        The arcs of all rollers just cover the circle, so the wheel is round without a gap, and
+        contact passes from one roller to the next in a single position.
         """
         return np.pi / self.count
 
@@ -119,8 +119,8 @@ class Roller:
     def spheres(self, number: int) -> tuple[Array, Array]:
         """Return centres on the axis and radii [m] of `number` spheres inside the envelope.
 
-        Each touches the profile; the angles of their contacts are equally spaced over the
-        roller's arc. The convex hull of them all lies inside the roller.
+        Each sphere touches the profile; the angles of the contacts are equally spaced over the
+        roller's arc. The convex hull of all spheres lies inside the roller.
         """
         phi = np.linspace(-self.half_arc, self.half_arc, number)
         distance = self.axis_distance
@@ -132,7 +132,7 @@ class Roller:
     def mesh(self, rings: int = 65, segments: int = 64) -> tuple[Array, npt.NDArray[np.int64]]:
         """Return vertices (V, 3) [m] in the roller frame and triangles (T, 3), outward.
 
-        `rings` circles of `segments` points, and the two ends closed by fans.
+        The mesh has `rings` circles of `segments` points; triangle fans close the two ends.
         """
         s, r = self.profile(np.linspace(-self.half_arc, self.half_arc, rings))
         turn = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
@@ -178,10 +178,10 @@ def binary_stl(vertices: Array, triangles: npt.NDArray[np.int64]) -> bytes:
 def lateral_gain(robot: Robot) -> float:
     """Return the mean of v_y over its ideal value for pure lateral motion without slip.
 
-    A roller resists along its axis only, so the point of the wheel that touches the ground
-    has no velocity along the horizontal part of that axis. When the wheel has turned its
-    roller by θ from the bottom, the axis (±sin γ, cos γ, 0) has become
-    (±sin γ·cos θ, cos γ, ∓sin γ·sin θ), so its effective angle has tan γ' = tan γ·cos θ and
+    A roller resists only along its axis, so the wheel's contact point has no velocity along the
+    horizontal part of that axis. When the wheel has turned its roller by θ from the bottom, the
+    axis (±sin γ, cos γ, 0) has become (±sin γ·cos θ, cos γ, ∓sin γ·sin θ), so its effective angle
+    has tan γ' = tan γ·cos θ and
 
         (v_x - ω·R)·tan γ·cos θ ± v_y = 0.
 
@@ -195,20 +195,21 @@ def lateral_gain(robot: Robot) -> float:
 def yaw_gain(robot: Robot) -> float:
     """Return the mean of the yaw rate over its ideal value for turning on the spot.
 
-    As `lateral_gain`, with the velocity of a wheel's centre (∓l_y, ±l_x)·ω_z and the contact's
-    offset along the axle, e = d·tan θ/tan γ: the gain that a wheel asks for is
+    The derivation is that of `lateral_gain`, with the velocity of a wheel's centre (∓l_y, ±l_x)·ω_z
+    and the contact's offset along the axle, e = d·tan θ/tan γ. The gain for which a wheel would not
+    slip is
 
         (l_y + l_x·cot γ)/(l_y + e + l_x·cot γ/cos θ).
 
-    Two diagonal wheels have their contacts by e farther out, the two others farther in, so they
-    ask for different gains and one pair slips. On an axle that swings about its middle, wheel
-    loads are to each other inversely as the distances of their contacts from it, 1/(l_y ± e).
-    The pair prevails whose grip has the larger moment, load times lever; in the arrangement X
-    that is the inner one. This is the gain of wheels whose rollers are at one phase, as at the
-    start; at others it is up to 1.5 % less.
+    Two diagonal wheels have their contacts farther out by e, the two others farther in by e, so
+    their gains differ and one pair slips. On an axle that swings about its middle, wheel loads are
+    inversely proportional to the distances of the contacts from the middle, 1/(l_y ± e). The pair
+    whose grip has the larger moment, load times lever, prevails; in the arrangement X that is the
+    inner pair. This gain holds for wheels whose rollers are in the same phase, as at the start; in
+    other phases it is up to 1.5 % less.
     """
     roller = Roller.of(robot)
-    # in θ the gain has a kink at 0: one half is as the other
+    # the gain has a kink at θ = 0, and is symmetric: integrate one half
     nodes, weights = legendre(16)
     theta = roller.half_arc * (nodes + 1.0) / 2.0
     offset = roller.axis_distance * tan(theta) / math.tan(roller.angle)

@@ -1,4 +1,4 @@
-"""A scene in DART: the ground, one robot or several, and what is close to them."""
+"""A scene in DART: the ground, one or several robots, and the objects close to them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.people import MovingPerson, place
 
 CONE_TOLERANCE = 1e-6
-"""Tolerance of the solver of the cone: at 1e-5 a robot at rest with strained wheels creeps by
-14 µm/s."""
+"""Tolerance of the friction-cone solver: at 1e-5 a robot at rest with strained wheels creeps by 14
+µm/s."""
 MAX_SWEEPS, MAX_SWEEPS_OF_SEVERAL = 100, 25
-"""Sweeps of the solver of the cone in a step, at most: with one robot, and with several.
+"""Maximum number of sweeps of the friction-cone solver per step: with one robot, with several.
 
-Where wheels strain it rarely converges. Two robots that strafe take half the time with 25 sweeps,
-and are 0.1 mm from where 1000 sweeps bring them, after 0.26 m. A single robot with rollers at 30°
-would turn by 1 % less on the spot.
+If wheels are strained, the solver rarely converges. With 25 sweeps, two robots that strafe take
+half the time, and after 0.26 m are 0.1 mm from their position with 1000 sweeps. But a single robot
+with rollers at 30° would turn 1 % less on the spot.
 """
 SLIP_SHARE = 0.8
-"""From this share of the cone, a contact is expected to slip: the cone is solved in time."""
+"""Share of the friction cone from which on a contact may slip soon, so that the cone is solved."""
 UPRIGHT = 0.99
-"""The normal of a contact with the ground has at least this vertical part."""
+"""Minimum vertical component of the normal of a contact with the ground."""
 _PROBE_DEPTH = 1e-4
 
 Layer = Literal["ground", "obstacle", "person", "plane", "base", "wheel", "roller"]
@@ -44,22 +44,23 @@ _TOUCHING = {
 }
 """The layers whose bodies collide.
 
-Where two rollers have up to 30 mm of air between them, or a roller and a box 20 mm, Bullet still
-finds contacts, many times as deep as a roller is thick: rims of wheels collide instead. Planes
-collide with one roller each, which `Scene.allow` names. Nothing stops a person but a robot.
+Across gaps of up to 30 mm between two rollers, or 20 mm between a roller and a box, Bullet still
+finds contacts, many times deeper than a roller is thick. So rims of wheels collide instead. Each
+plane collides with one roller, which is set by `Scene.allow`. Persons collide only with robots.
 """
 
 
 class Scene:
-    """The ground in DART, with a robot, or several that are close to each other.
+    """The ground in DART, with one robot, or several robots that are close to each other.
 
-    People and obstacles are in it while they are close. `step(False)` simulates a step of `dt_s`.
+    People and obstacles are in the scene while they are close. `step(False)` simulates a step of
+    `dt_s`.
 
-    DART's default solver limits friction by a box along two horizontal axes, not by Coulomb's
-    cone: between these axes a force is up to √2 too large. A roller resists along its own axis
-    alone. So the box is exact if the axes are those of the rollers: with rollers at 45°, DART's
-    axes are turned with a robot that is alone. Elsewhere DART solves for the cone while any
-    contact is about to slip, which takes up to five times as long.
+    DART's default solver limits friction by a box along two horizontal axes, not by Coulomb's cone:
+    between these axes a force can be √2 too large. A roller resists only along its own axis, so the
+    box is exact if its axes are those of the rollers. For rollers at 45°, DART's axes are turned
+    with a robot that is alone. In all other cases DART solves for the cone while any contact is
+    about to slip, which takes up to five times as long.
     """
 
     def __init__(self, robot: Robot, physics: PhysicsConfig, world: WorldConfig) -> None:
@@ -83,9 +84,9 @@ class Scene:
         self._known: list[Any] = []
         """The skeletons that have been in the scene."""
         self._layers: dict[Layer, list[Any]] = {}
-        """Their bodies."""
+        """The bodies of the known skeletons, by layer."""
         self.people: dict[int, Any] = {}
-        """The skeletons of all people that have been present, by their numbers."""
+        """The skeletons of all people that have been present, by number."""
         self._present: set[int] = set()
         self._has_obstacles = False
         self._ground = bodies.build_ground(robot, world)
@@ -114,11 +115,11 @@ class Scene:
         self.renew_detector()
 
     def renew_detector(self) -> None:
-        """Have DART find contacts in the order of the bodies, after bodies or shapes have changed.
+        """Make DART find contacts in the order of the bodies, after bodies or shapes have changed.
 
-        DART takes what has left or changed out of its detector in the order of addresses in
-        memory, which differ between processes. The order of contacts depends on it, and the last
-        bit of their forces on that order. A new detector takes all bodies in their order.
+        DART removes changed bodies from its detector in the order of memory addresses, which differ
+        between processes. This order determines the order of contacts, which determines the last
+        bit of the contact forces. A new detector adds all bodies in their own order.
         """
         self.dart.setCollisionDetector(dart.simulation.BULLET)
 
@@ -128,9 +129,9 @@ class Scene:
         collisions.removeBodyNodePairFromBlackList(body, other)
 
     def show(self, people: Mapping[int, MovingPerson], *, obstacles: bool) -> None:
-        """Choose the people, by their numbers, and whether obstacles are present.
+        """Choose the people that are present, by number, and whether obstacles are.
 
-        People who stay are not moved: DART integrates their velocity.
+        People who are present already are not moved: DART integrates their velocity.
         """
         if obstacles != self._has_obstacles:
             self._has_obstacles = obstacles
@@ -150,12 +151,12 @@ class Scene:
         self._present = set(people)
 
     def place_person(self, number: int, person: MovingPerson) -> None:
-        """Move a person, if they are present."""
+        """Move a person who is present in the scene."""
         if number in self._present:
             place(self.people[number], person)
 
     def turn(self, heading: float) -> None:
-        """Turn DART's axes to `heading` from the world's [rad]; bodies stay in their places."""
+        """Turn DART's axes to `heading` from the world's [rad]; bodies are not changed."""
         self.heading = heading
         slope, uphill = self._slope
         along, uphill = -bodies.GRAVITY * math.sin(slope), uphill - heading
@@ -163,10 +164,10 @@ class Scene:
         self.dart.setGravity([along * math.cos(uphill), along * math.sin(uphill), down])
 
     def choose_solver(self, *, alone: bool, robots: int) -> None:
-        """Solve for the cone from now on, if a contact is about to slip, or for the box.
+        """Choose the cone solver if a contact is about to slip, otherwise the box solver.
 
         Args:
-            alone: Whether nothing but the ground can touch the only robot.
+            alone: Whether only the ground can touch the only robot.
             robots: The number of robots.
         """
         cone = not (alone and self._alignable) and self._may_slip()
@@ -180,19 +181,19 @@ class Scene:
             self._solver.setBoxedLcpSolver(self._cone if cone else self._box)
 
     def alignment(self, yaw: float) -> float | None:
-        """Return the angle of the rollers' axes to DART's, of a robot at `yaw`, at most 45° [rad].
+        """Return the angle from DART's axes to the rollers' of a robot at `yaw`, at most 45° [rad].
 
-        It is None where rollers are not at right angles to each other.
+        The result is None if rollers are not at right angles to each other.
         """
         if not self._alignable:
             return None
         return math.remainder(yaw - math.pi / 4.0 - self.heading, math.pi / 2.0)
 
     def check_detector(self, robot: Any) -> None:
-        """Press a robot's skeleton a little into the ground: its four rollers must feel it.
+        """Check that the detector finds the contacts of the four lowest rollers in the ground.
 
-        The DART detector knows no contact of such a shape, FCL puts a sphere in its place;
-        both without an error.
+        The robot is pressed into the ground for the check. Without an error, the DART detector
+        finds no contact of such a shape, and FCL replaces the shape by a sphere.
         """
         detector = self.dart.getCollisionDetector()
         group = detector.createCollisionGroup()
@@ -214,10 +215,9 @@ class Scene:
             )
 
     def _may_slip(self) -> bool:
-        """Return whether any force of the ground in the last step was near the cone's border.
+        """Return whether any ground force in the last step was near the friction cone.
 
-        Rims have no friction, so of all contacts only those of a base that scrapes along something
-        are left out.
+        Contacts of a base that scrapes along an obstacle are ignored. Rims have no friction.
         """
         for contact in self.dart.getLastCollisionResult().getContacts():
             nx, ny, nz = contact.normal.tolist()
@@ -236,7 +236,7 @@ class Scene:
         return skeleton
 
     def keep_apart(self, nodes: Sequence[Any], others: Sequence[Any]) -> None:
-        """Let none of these bodies collide with any of the others."""
+        """Disable collisions between `nodes` and `others`."""
         collisions = self._solver.getCollisionOption().collisionFilter
         for node, other in product(nodes, others):
             collisions.addBodyNodePairToBlackList(node, other)

@@ -1,4 +1,4 @@
-"""The robots of a scenario: each simulated by itself, or together with those it may touch."""
+"""The robots of a scenario: each simulated separately, or together with robots it may touch."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from mecazen_physics.people import MovingPerson
 from mecazen_physics.robot import HYSTERESIS, SimulatedRobot
 
 _UNLIMITED = 10**9
-"""More steps than are ever asked for."""
+"""A number of steps beyond any request."""
 
 
 class Simulation:
-    """Robots, each at rest at its start, and what surrounds them.
+    """Robots, initially at rest at their start poses, and their surroundings.
 
-    A robot that is far from all others is simulated in a scene of its own and moves as if there
-    were no other, to the last bit. Those that are close to another are simulated in the scene of
-    the first of them. Two simulations of the same arguments that are advanced alike have the same
-    states to the last bit.
+    A robot that is far from all others is simulated in a separate scene, and its motion is
+    bit-identical to that without other robots. Robots that are close to each other are simulated in
+    the scene of the first of them. Two simulations with the same arguments and commands have
+    bit-identical states.
 
     Args:
-        robots: Each robot, and where its base_link starts in the world frame.
-        physics: How they are simulated.
-        world: Their surroundings.
+        robots: Each robot, and the start pose of its base_link in the world frame.
+        physics: Settings of the simulation.
+        world: Surroundings of the robots.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Simulation:
         self._horizon = horizon_steps(physics)
         fastest = max(robot.max_speed for robot in self.robots)
         self._approach = 2.0 * physics.dt_s * fastest
-        """The most by which two robots come closer to each other in a step [m]."""
+        """Maximum decrease of the distance between two robots in a step [m]."""
         diameter = 2.0 * max(robot.footprint().radius for robot in self.robots)
         self._far = diameter + HYSTERESIS * (CLEARANCE_M + 2.0 * fastest * HORIZON_S)
         """Robots whose centres are farther apart are not close to each other [m]."""
@@ -58,7 +58,7 @@ class Simulation:
         self._groups = [[number] for number in range(len(robots))]
         """The numbers of the robots of each group; the coupled ones are the last."""
         self._clear_steps = _UNLIMITED if len(robots) == 1 else 0
-        """For how many steps no two robots that are far apart can come close."""
+        """Number of steps for which no two robots that are far apart can come close."""
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
         """Simulate `steps` steps of `dt_s`, with a command for each robot."""
@@ -73,9 +73,9 @@ class Simulation:
             self._clear_steps -= chunk
 
     def place_person(self, number: int, person: MovingPerson) -> None:
-        """Put the person `number` into the world; each is always one with legs or without.
+        """Place the person `number`; a person must always have legs, or never.
 
-        They keep their velocity until placed again. No person is there before the first call.
+        A person keeps the velocity until the next call, and is absent before the first call.
         """
         for robot in self.robots:
             robot.place_person(number, person)
@@ -83,10 +83,10 @@ class Simulation:
     def _update_groups(self) -> int:
         """Couple the robots that come close to each other, and decouple those that are far again.
 
-        A broad phase on centre distance spares most pairs the distance of their footprints.
+        A broad phase on centre distance avoids the footprint distance for most pairs.
 
         Returns:
-            For how many steps no other two can come close to each other.
+            The number of steps for which no other two robots can come close to each other.
         """
         centres = [robot.state.position[:2] for robot in self.robots]
         coupled = set()

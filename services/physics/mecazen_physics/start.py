@@ -13,7 +13,7 @@ from mecazen_physics.footprint import Footprint
 
 
 def steps_per_tick(tick_s: float, dt_s: float) -> int:
-    """Return how many steps a control period has."""
+    """Return the number of physics steps in a control period."""
     steps = round(tick_s / dt_s)
     if steps < 1 or not math.isclose(steps * dt_s, tick_s, rel_tol=1e-9):
         most = math.ceil(tick_s / dt_s)

@@ -23,18 +23,18 @@ BASE_DOFS = 7
 class Motion(NamedTuple):
     """Positions and velocities of a robot in DART's coordinates.
 
-    First those of the base: a rotation vector [rad], base_link's origin [m] and the front axle's
-    angle [rad], and their rates, in horizontal axes at `heading` [rad/s, m/s, rad/s]. Then those of
+    The base comes first: a rotation vector [rad], base_link's origin [m] and the front axle's angle
+    [rad], and their rates [rad/s, m/s, rad/s], in axes at `heading` about the vertical. Then come
     the joints, wheels and every roller, [rad] and [rad/s].
     """
 
     position: list[float]
     velocity: list[float]
     heading: float = 0.0
-    """Angle from the world's axes to those that it is given in, about the vertical [rad]."""
+    """Angle from the world's axes to the axes of the coordinates, about the vertical [rad]."""
 
     def in_axes_at(self, heading: float) -> Motion:
-        """Return the same motion, given in axes at `heading` [rad]."""
+        """Return the same motion in axes at `heading` [rad]."""
         angle = self.heading - heading
         position, velocity = self.position.copy(), self.velocity.copy()
         position[:3] = _rotation_vector(_turned(quaternion(*position[:3]), angle))
@@ -49,9 +49,10 @@ class RobotState(NamedTuple):
 
     `position` (3,) [m] and `orientation`, a quaternion (x, y, z, w), place base_link in the
     world frame. `linear` (3,) [m/s] and `angular` (3,) [rad/s] are the velocity of
-    base_link's origin relative to the world, in the axes of base_link. The joints' lists go
-    with `DartRobot.joint_names`: [rad], not wrapped, [rad/s], and [N·m]: what the motor of a
-    wheel applied in the last step, and the bearing's friction on a roller.
+    base_link's origin relative to the world, in the axes of base_link. The joints' lists are in the
+    order of `SimulatedRobot.joint_names`: positions [rad], not wrapped, velocities [rad/s], and
+    efforts [N·m]. An effort is the torque of a wheel's motor in the last step, or the bearing's
+    friction on a roller.
     """
 
     time: float
@@ -73,7 +74,7 @@ class RobotState(NamedTuple):
         bearing is in [N·m·s/rad].
         """
         position, velocity, heading = motion
-        # in the axes of the motion, in which its velocities are given
+        # in the axes of the motion, as its velocities
         orientation = quaternion(*position[:3])
         x, y = rotate(position[3], position[4], heading)
         speeds = velocity[BASE_DOFS:]
@@ -103,11 +104,11 @@ class RobotState(NamedTuple):
 def check_converged(state: RobotState, before: RobotState, depth: float, speed: float) -> None:
     """Refuse a state that a robot on the ground cannot reach from that `before`.
 
-    Its base_link is at most `depth` [m] below the ground, and at most as fast as `speed` [m/s]:
-    DART puts a body whose pose is not a number to the origin.
+    The base_link may be at most `depth` [m] below the ground and have at most `speed` [m/s]. The
+    speed is checked since DART moves a body whose pose is NaN to the origin.
 
     Raises:
-        DivergedError: It is none; the message has the last good state.
+        DivergedError: The state is not plausible; the message contains the last good state.
     """
     everything = sum(state.joint_position) + sum(state.joint_velocity)
     everything += sum(state.position) + sum(state.linear) + sum(state.angular)
@@ -152,7 +153,7 @@ def _turned(q: Quaternion, angle: float) -> Quaternion:
 
 
 def unrotate(q: Quaternion, x: float, y: float, z: float) -> Vector:
-    """Return the vector (x, y, z) in the axes of the frame that is rotated by `q`."""
+    """Return the components of the vector (x, y, z) in the frame that is rotated by `q`."""
     qx, qy, qz, w = q
     # v + 2·p×(p×v + w·v) for the inverse rotation: its quaternion is (p, w), p = -(qx, qy, qz).
     cx = qz * y - qy * z + w * x

@@ -1,4 +1,4 @@
-"""The robot as a URDF, for viewers and every tool that reads one."""
+"""The robot as a URDF, for viewers and other tools."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def meshes(robot: Robot) -> dict[str, bytes]:
 
 @cache
 def build_urdf(robot: Robot) -> str:
-    """Return the URDF of `robot`; its root is base_link, its joints are `World.joint_names`.
+    """Return the URDF of `robot`, with the joints of `SimulatedRobot.joint_names`.
 
-    It takes longer than a tick and anyone may ask for it, so each is built once.
+    Building takes longer than a tick and any client may request the URDF, so it is cached.
     """
     root = ET.Element("robot", name=robot.name)
     for name, rgba in _COLOURS.items():
@@ -105,7 +105,7 @@ def _add_joint(root: ET.Element, link: Link, robot: Robot) -> None:
 
 
 def _add_optical_frame(root: ET.Element, robot: Robot) -> None:
-    """Add the frame in which cameras see, by REP-103: z ahead, x to the right, y down.
+    """Add the optical frame of the camera by REP-103: z ahead, x to the right, y down.
 
     The housing, camera_link, stays level.
     """
@@ -128,7 +128,7 @@ def _cylinder(radius: float, height: float) -> Shape:
 
 
 def _numbers(*values: float) -> str:
-    """Return the numbers as URDF writes a list; adding zero takes the sign off -0."""
+    """Return the numbers as a list in URDF; adding zero removes the sign of -0."""
     return " ".join(f"{value + 0.0:.12g}" for value in values)
 
 

@@ -1,1 +1,1 @@
-"""The recorder: MCAP recordings of what is published, their replay and re-computation."""
+"""The recorder: MCAP recordings of published samples, their replay and re-computation."""

@@ -240,7 +240,7 @@ def info(
         longest = "-" if key.longest_gap_s is None else f"{key.longest_gap_s:g} s"
         message = key.type.rpartition("/msg/")[2]  # a terminal is narrow, and keys may be long
         cells = key.key, message, str(key.count), rate, str(key.gaps), longest
-        table.add_row(*(Text(one_line(cell)) for cell in cells))  # anyone may have named a key
+        table.add_row(*(Text(one_line(cell)) for cell in cells))  # any client can choose a key
     Console().print(table)
     for run in found.runs:
         known = "" if run.has_scenario else ", without its configuration"
@@ -289,7 +289,7 @@ def plot(
 
 
 def _live(bus: ZenohBus) -> Callable[[], int]:
-    """Return a function for the time of the robot that runs on a bus [ns]."""
+    """Return a function that returns the time of the robot that runs on a bus [ns]."""
     newest = [0]
     bus.subscribe(CLOCK, lambda clock, _: newest.__setitem__(0, clock.clock.ns))
     bus.spin_once(1.0)

@@ -14,7 +14,7 @@ from mecazen.wire import NS_PER_S
 from mecazen_recorder.reader import Recording
 
 GAP = 1.5
-"""An interval of more than this many medians is a gap."""
+"""Number of medians above which an interval is a gap."""
 
 
 class KeyInfo(msgspec.Struct, frozen=True):
@@ -100,7 +100,7 @@ def inspect(recording: Recording) -> Info:
 
 def _key_info(key: str, kind: str, runs: list[list[int]]) -> KeyInfo:
     count = sum(map(len, runs))
-    # several samples of one tick are no interval
+    # samples of the same tick have no interval
     intervals = [b - a for times in runs for a, b in pairwise(times) if b > a]
     if not intervals:
         return KeyInfo(key, kind, count, None, 0, None)

@@ -1,4 +1,4 @@
-"""A recorded run as a figure: that of `mecazen simulate --plot`."""
+"""A recorded run as a figure, like that of `mecazen simulate --plot`."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _read(recording: Recording) -> dict[int, tuple[int, Rows]]:
     A sample without a stamp, such as a command by hand, belongs to the current run.
 
     Raises:
-        RecordingError: A sample is not what its key carries.
+        RecordingError: The content of a sample does not match its key.
     """
     runs: dict[int, tuple[int, Rows]] = {}
     number = None

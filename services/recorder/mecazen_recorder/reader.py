@@ -38,9 +38,9 @@ _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, Overflow
 """Errors of the library on missing or corrupt bytes."""
 
 MAX_CHUNK_BYTES = 1 << 24
-"""Maximum size of a chunk, expanded [bytes]: the writer's have about 1 MiB."""
+"""Maximum size of a chunk, expanded [bytes]: chunks of the writer have about 1 MiB."""
 MOST_FOLD = 1000
-"""Maximum size of all chunks, expanded, as a multiple of the file's; runs have about 10."""
+"""Maximum size of all chunks, expanded, as a multiple of the file's size; about 10 in real runs."""
 WITH_FILES = ("target", "crowd", "bus")
 """Sections that refer to files, such as a recorded walk."""
 _FILE_NAME = re.compile(r"(?:\w[\w.-]{0,99}/){0,9}\w[\w.-]{0,99}", re.ASCII)
@@ -55,11 +55,11 @@ def _code(tables: dict[str, Any]) -> dict[str, str]:
 
 
 def _expanded(chunk: Chunk) -> Chunk:
-    """Return a chunk with its data expanded; never to more than its header and we allow.
+    """Return a chunk with its data expanded, within the size in its header and `MAX_CHUNK_BYTES`.
 
     Raises:
-        ValueError: It is too large, its header is wrong, or it is of another compression.
-        ZstdError: It can't be expanded.
+        ValueError: The chunk is too large, its header is wrong, or its compression is unknown.
+        ZstdError: The data can't be expanded.
     """
     size = chunk.uncompressed_size
     if size > MAX_CHUNK_BYTES or chunk.compression not in {"", "zstd"}:
@@ -75,7 +75,7 @@ def _expanded(chunk: Chunk) -> Chunk:
 
 
 def _numbers(*texts: str | None) -> tuple[int, ...] | None:
-    """Return the unsigned integers of 32 bits that texts are; None if one is something else."""
+    """Parse texts as unsigned 32-bit integers; return None if a text is not such a number."""
     numbers = [int(text) for text in texts if text and re.fullmatch("[0-9]{1,10}", text)]
     good = len(numbers) == len(texts) and all(number < 2**32 for number in numbers)
     return tuple(numbers) if good else None
@@ -88,7 +88,7 @@ class Sample(NamedTuple):
     time_ns: int
     """Simulated time [ns]."""
     stamp: Stamp | None
-    """None if the publisher sent none."""
+    """None if the publisher sent no stamp."""
     payload: bytes
     encoding: str
     """A Zenoh encoding, or `cdr`."""
@@ -122,12 +122,12 @@ class Recording:
     """A recording, for reading.
 
     Args:
-        path: Its file.
+        path: The file of the recording.
         trusted: Whether to import programs and to open files that its configurations name. Programs
             are code.
 
     Raises:
-        RecordingError: It can't be read, or is not a file of `mecazen record`.
+        RecordingError: The file can't be read, or is not a file of `mecazen record`.
     """
 
     def __init__(self, path: Path, *, trusted: bool = False) -> None:
@@ -157,7 +157,7 @@ class Recording:
                 if isinstance(record, Metadata):
                     self._note_run(record)
                 elif isinstance(record, Attachment):
-                    if _FILE_NAME.fullmatch(record.name):  # others could be no keys
+                    if _FILE_NAME.fullmatch(record.name):  # other names are not valid keys
                         self._files[record.name] = record.data
                 elif isinstance(record, Schema):
                     schemas[record.id] = _TYPES.get(record.name)
@@ -184,7 +184,7 @@ class Recording:
 
     @contextmanager
     def reading(self, sample: Sample) -> Iterator[None]:
-        """Report a sample that is not what its key carries as a RecordingError."""
+        """Report a sample whose content does not match its key as a RecordingError."""
         try:
             yield
         except RefusedError as refusal:
@@ -215,9 +215,9 @@ class Recording:
         user nodes. If the recording is not trusted, programs that are not installed are left out.
 
         Raises:
-            RecordingError: It is not in the recording.
-            ConfigError: It is no longer valid.
-            UntrustedError: It names a file, and the recording is not trusted.
+            RecordingError: The configuration is not in the recording.
+            ConfigError: The configuration is no longer valid.
+            UntrustedError: The configuration names a file, and the recording is not trusted.
         """
         if run not in self.scenarios:
             raise RecordingError(f"{self.path}: without the configuration of run {run}")
@@ -248,19 +248,19 @@ class Recording:
         """Check that the recording would run only installed programs.
 
         Raises:
-            UntrustedError: It would run another one; call this after `samples` has read the
+            UntrustedError: It would run another program; call this after `samples` has read the
                 configurations.
         """
         found: dict[str, None] = {}
         for text in () if self.trusted else self.scenarios.values():
-            with suppress(ValueError):  # a damaged one is reported when it is needed
+            with suppress(ValueError):  # damage is reported when it is needed
                 found |= dict.fromkeys(_code(parse_toml(text)).values())
         if found:
             names = printable(", ".join(found))
             raise UntrustedError(f"{self.path}: would run its programs {names}")
 
     def _records(self, file: IO[bytes]) -> Iterator[McapRecord]:
-        """Return the records up to the end of the data or the first corrupt one."""
+        """Return the records up to the end of the data or the first corrupt record."""
         reader = StreamReader(file, emit_chunks=True, record_size_limit=MAX_BYTES)
         left = MAX_BYTES + MOST_FOLD * os.fstat(file.fileno()).st_size
         try:

@@ -54,12 +54,12 @@ class Recorder:
     """Records every sample of some keys, as docs/recording.md specifies.
 
     On a bus within a process the diagnostics of `services` are recorded. `scenario` returns the
-    configuration of a new run in TOML, or None; the names in it replace those of `robots`.
-    `topics` can be decoded; samples of other keys are kept as they come.
+    configuration of a new run in TOML, or None; the robot names in it replace those of `robots`.
+    Samples of `topics` are decoded; samples of other keys are stored unchanged.
 
     Raises:
         RecordingError: The file can't be written.
-        BusError: A key is no key expression.
+        BusError: A key is not a valid key expression.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Recorder:
         """The newest tick."""
         self._runs: set[int] = set()
         self._other_runs = 0
-        """Number of them that physics has not named."""
+        """Number of runs in `_runs` that physics has not named."""
         self._firsts = FirstSamples(lambda key: bus.refuse(key, "no second sample of its run"))
         self._asking = ThreadPoolExecutor(1)
         self._answer: Future[_Answer] | None = None
@@ -137,7 +137,7 @@ class Recorder:
         attachment: bytes | None,
     ) -> None:
         if any(includes(expression, key) for expression in others):
-            return  # another subscription receives it as well
+            return  # another subscription receives the sample as well
         self._go_on()
         sample = key, payload, encoding, attachment
         if self._answer is None:
@@ -161,7 +161,7 @@ class Recorder:
                 asked_for -= 1
 
     def _admit(self, answer: _Answer) -> None:
-        """Begin the run that was asked about if physics names it or there is room for others."""
+        """Begin the run of the query if physics names it or the file has room for other runs."""
         if answer.run != self._asked.run:
             if self._other_runs >= MAX_OTHER_RUNS:
                 return
@@ -171,7 +171,7 @@ class Recorder:
         self._begin(answer)
 
     def _record(self, sample: Sent, answer: _Answer | None = None) -> None:
-        """Record a sample; `answer` is one to a query after its arrival."""
+        """Record a sample; `answer` is the answer to a query that was sent after its arrival."""
         key, payload, encoding, attachment = sample
         try:
             topic = self._topic_of(key)
@@ -190,7 +190,7 @@ class Recorder:
             self._bus.refuse(key, str(refusal))
 
     def _meet(self, stamp: Stamp, sample: Sent, answer: _Answer | None) -> None:
-        """Ask about a run with its second sample; later samples wait for the answer."""
+        """Send a query about a run at its second sample; later samples wait for the answer."""
         is_other = answer is not None and answer.run != stamp.run
         if is_other and self._other_runs >= MAX_OTHER_RUNS:
             raise RefusedError(f"a file holds at most {MAX_OTHER_RUNS} runs unknown to physics")
@@ -239,7 +239,7 @@ class Recorder:
             self._described.add(robot)
 
     def _ask(self) -> _Answer:
-        """Query scenario, run and robots; over Zenoh in a thread, since answers may take long."""
+        """Query scenario, run and robots; in a thread over Zenoh, since answers may take long."""
         scenario, run = self._scenario(), None
         with suppress(BusError):  # no simulation runs, as in a replay of another recording
             run = self._bus.call(keys.SIM_STATE, Empty(), ANSWER_S).run

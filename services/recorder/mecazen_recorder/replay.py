@@ -29,12 +29,12 @@ def publish(
 ) -> int:
     """Publish the samples of some keys with their original stamps; return their number.
 
-    With `live_ns`, the time of a running robot [ns], samples stand in for its sensors: they have no
-    stamp, and their headers have that time, less their age in the recording.
+    With `live_ns`, the time of a running robot [ns], samples replace its sensors: they have no
+    stamp, and the times in their headers are shifted to the robot's time.
 
     `speed` is in simulated seconds per wall second; for the times see `Recording.samples`.
-    `turn`, the number of times it was published before, is added to the numbers of the runs, since
-    services drop ticks older than the newest of a run.
+    `turn`, the number of earlier publications, is added to the numbers of the runs, since services
+    drop ticks older than the newest tick of a run.
 
     Raises:
         RecordingError: The recording has no sample on these keys within these times, or the

@@ -14,7 +14,7 @@ def converter() -> Path:
     """Return the path of Rerun's command.
 
     Raises:
-        RecordingError: It is not installed.
+        RecordingError: Rerun is not installed.
     """
     command = Path(sysconfig.get_path("scripts")) / "rerun"
     if not command.exists():
@@ -26,7 +26,7 @@ def convert(path: Path) -> Path:
     """Convert a recording in CDR to a `.rrd` beside it, in simulated time; return its path.
 
     Raises:
-        RecordingError: Rerun can't convert it.
+        RecordingError: Rerun can't convert the recording.
     """
     target = path.with_suffix(".rrd")
     done = subprocess.run(

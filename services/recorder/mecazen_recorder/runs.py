@@ -13,7 +13,7 @@ FIRST_BYTES = 1 << 22
 
 
 class FirstSamples:
-    """Keeps the first sample of each run until the second one comes, up to a number of bytes.
+    """Keeps the first sample of each run until the second comes, up to `FIRST_BYTES`.
 
     A node publishes more than one sample in a run. A client that invents a run number for each
     sample therefore begins no run.

@@ -33,7 +33,7 @@ class RecorderService(Observer):
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
         super().__init__(name, bus, scenario)
         config = scenario.recorder
-        if scenario.sim.mode == "real_time":  # it may have been started again
+        if scenario.sim.mode == "real_time":  # the service may have been restarted
             config = msgspec.structs.replace(config, file=free_name(config.path))
         parts, topics = scenario.services, graph_of(scenario).topics
         toml = partial(to_toml, scenario)
@@ -52,7 +52,7 @@ class RecorderService(Observer):
         self.recorder.run()
 
     def close(self) -> None:
-        """Record what is still in transit, and finish the file."""
+        """Record the samples that are still in transit, and finish the file."""
         end = time.monotonic() + LINGER_S
         try:
             while time.monotonic() < end and self.bus.spin_once(QUIET_S):

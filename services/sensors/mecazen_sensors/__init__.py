@@ -1,1 +1,1 @@
-"""The robot's lidar, body tracker and depth camera, by rays in one scene."""
+"""The robot's lidar, body tracker and depth camera, simulated by ray casts in one scene."""

@@ -7,7 +7,7 @@ from mecazen.geometry_batch import Floats
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
 
 FOREIGN = len(LIMBS)
-"""Stands for all that is no limb of one's own."""
+"""Stands for everything except the person's own limbs."""
 _LEG = ("knee", "ankle", "heel", "foot")
 
 
@@ -17,16 +17,17 @@ def _opposite(name: str) -> str:
 
 
 def scales(table: dict[str, float]) -> Floats:
-    """Return a factor for each joint (20,), by its name without a side; 1 where there is none."""
+    """Return a factor for each joint (20,), by its name without the side; 1 by default."""
     return np.array([table.get(name.rpartition("_")[2], 1.0) for name in JOINTS])
 
 
 MIRRORED = [INDEX[_opposite(name)] for name in JOINTS]
-"""For each joint the one of the other side."""
+"""For each joint the joint of the other side."""
 LEGS_SWAPPED = [
     INDEX[_opposite(name)] if name.endswith(_LEG) else number for number, name in enumerate(JOINTS)
 ]
-"""For each joint the one that is taken for it when the legs are confused; hips are not."""
+"""For each joint the joint that is reported instead if the legs are confused; hips are never
+confused."""
 IS_LEG: Floats = np.array([float(name.endswith(_LEG)) for name in JOINTS])
 """1 for each joint of a leg (20,)."""
 
@@ -43,7 +44,8 @@ def _own(name: str) -> frozenset[int]:
 
 
 OWN = [_own(name) for name in JOINTS]
-"""For each joint the numbers of the limbs that show it where a ray to it hits them first."""
+"""For each joint the numbers of the limbs that make it visible if a ray to the joint hits them
+first."""
 
 
 def _of_other_leg(name: str) -> frozenset[int]:
@@ -68,10 +70,10 @@ def _chains() -> Floats:
 
 
 CHAINS: Floats = _chains()
-"""Takes joints from bones (20, 20): a bone ends in the joint of its number."""
+"""Matrix (20, 20) from bones to joints: a bone ends in the joint of its number."""
 _BONES: Floats = np.eye(len(JOINTS))
 for _number, _name in enumerate(JOINTS):
     if (_parent := PARENTS[_name]) is not None:
         _BONES[_number, INDEX[_parent]] = -1.0
 BONES: Floats = _BONES[MIRRORED] - _BONES
-"""Takes from joints how the other side's bones differ."""
+"""Matrix (20, 20) from joints to the differences of the other side's bones from their own."""

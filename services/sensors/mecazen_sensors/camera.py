@@ -1,4 +1,4 @@
-"""Where a camera looks, and what is in its view."""
+"""Pose and field of view of a camera."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from mecazen.robot import Camera as Mount
 
 
 class Camera:
-    """A pinhole camera on a robot: its pose, and what it can see."""
+    """A pinhole camera on a robot: its pose and field of view."""
 
     def __init__(self, mount: Mount, config: TrackerConfig | DepthConfig) -> None:
         self._place = mount.position_m
         self.axes = np.array(mount.axes)
         """Unit vectors in base_link (3, 3): its rows point ahead, to the left and up."""
         self.wide = math.tan(math.radians(config.horizontal_fov_deg) / 2)
-        """Half the width of what is seen at a depth of 1."""
+        """Half the width of the view at a depth of 1."""
         self.high = math.tan(math.radians(config.vertical_fov_deg) / 2)
-        """Half the height."""
+        """Half the height of the view at a depth of 1."""
         # a vector in base_link is in view if its products with six columns ...
         ahead, left, up = self.axes
         wide, high = self.wide * ahead, self.high * ahead
@@ -32,7 +32,7 @@ class Camera:
         self._least = np.array((config.min_range_m, -config.max_range_m, 0.0, 0.0, 0.0, 0.0))
 
     def position(self, robot: Pose2D) -> Floats:
-        """Return the optical centre in the world (3,) [m], of a robot at a pose there."""
+        """Return the optical centre in the world (3,) [m], for a robot at a pose in the world."""
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         x, y, z = self._place
         return np.array((robot.x + c * x - s * y, robot.y + s * x + c * y, z))
@@ -40,7 +40,7 @@ class Camera:
     def look(self, vectors: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
         """Return depths [m] of points, and whether they are in view.
 
-        They are given as vectors (n, 3) from the optical centre in base_link.
+        The points are vectors (n, 3) from the optical centre in base_link.
         """
         products = product(vectors, self._planes)
         inside: npt.NDArray[np.bool_] = np.logical_and.reduce(products >= self._least, axis=1)

@@ -1,4 +1,4 @@
-"""A depth camera: pictures in millimetres, by a ray for each pixel."""
+"""A depth camera: images in millimetres, from one ray per pixel."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ FRAME = "camera_depth_optical_frame"
 class DepthCamera:
     """A depth camera on a robot.
 
-    A pixel is the depth along the axis, 0 where there is none: beyond the range, or lost. Noise
-    is Gaussian and grows with the square of depth. A pixel at an edge, where a neighbour is much
-    nearer, sees both: it is somewhere between the two ("flying"), or lost.
+    The value of a pixel is the depth along the optical axis, or 0 if it is out of range or lost.
+    Noise is Gaussian and grows with the square of depth. A pixel at an edge, next to a much nearer
+    neighbour, mixes both depths: its value is between the two ("flying"), or lost.
 
-    As many numbers are drawn for each picture, whatever it shows.
+    The number of random draws per image does not depend on its content.
     """
 
     def __init__(self, config: DepthConfig, mount: Mount, seed: int) -> None:
@@ -46,7 +46,7 @@ class DepthCamera:
         self._random = Generator(PCG64(seed))
 
     def picture(self, scene: Scene, robot: Pose2D, time: m.Time) -> m.Image:
-        """Return the picture that the robot takes at a true pose; `header.stamp` is `time`."""
+        """Return the image from a true pose of the robot; `header.stamp` is `time`."""
         config = self._config
         shape = config.height, config.width
         noise: Floats = self._random.standard_normal(shape)
@@ -55,14 +55,14 @@ class DepthCamera:
         camera = self._camera.position(robot)
         ranges, _ = scene.cast(camera, directions, CARRIER, self._farthest)
         depths = (ranges * self._depths_per_range).reshape(shape)
-        far = 2.0 * config.max_range_m  # stands for what returns nothing
+        far = 2.0 * config.max_range_m  # stands for no return
         depths[depths > far] = far
         near = _nearest(depths)
         edge = depths - near > config.edge_step_m
         lost = edge & (chance < config.edge_probability)
         flying = edge & (chance > 1.0 - config.edge_probability)
         if config.edge_probability > 0.0:
-            mixture = (chance - 1.0) / config.edge_probability + 1.0  # even over 0 to 1
+            mixture = (chance - 1.0) / config.edge_probability + 1.0  # uniform from 0 to 1
             depths = np.where(flying, near + mixture * (depths - near), depths)
         depths += config.noise_m * depths * depths * noise
         seen = (depths >= config.min_range_m) & (depths <= config.max_range_m) & ~lost
@@ -77,7 +77,7 @@ class DepthCamera:
         )
 
     def info(self, time: m.Time) -> m.CameraInfo:
-        """Return how the camera projects: a pinhole without distortion."""
+        """Return the camera's projection: a pinhole without distortion."""
         (fx, fy), width, height = self._focal, self._config.width, self._config.height
         # the middle of pixel (0, 0) is at (0, 0)
         cx, cy = width / 2 - 0.5, height / 2 - 0.5
@@ -94,7 +94,7 @@ class DepthCamera:
 
 
 def _nearest(depths: npt.NDArray[np.float64]) -> Floats:
-    """Return the least depth of each pixel and its four neighbours."""
+    """Return the minimum depth of each pixel and its four neighbours."""
     near = depths.copy()
     np.minimum(near[1:], depths[:-1], out=near[1:])
     np.minimum(near[:-1], depths[1:], out=near[:-1])

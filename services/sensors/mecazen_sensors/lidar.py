@@ -1,4 +1,4 @@
-"""A 2D lidar: the ranges of one turn, all at one time, level with the ground."""
+"""A 2D lidar: the ranges of one turn, all at the same time, in a horizontal plane."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from numpy.random import PCG64, Generator
 from mecazen_sensors.scene import CARRIER, Scene
 
 STEPS_PER_M = 1024.0
-"""Ranges are whole numbers of these: a millimetre, as such sensors resolve, but exact in ROS's
-32 bits and short in JSON."""
+"""Number of range steps per metre: about a millimetre, as in such sensors, but exact in ROS's
+32-bit floats and short in JSON."""
 INVALID = 0.0
 """The range of a beam without a valid measurement; see `LaserScan`."""
 
@@ -31,14 +31,14 @@ class Lidar:
     """A lidar on a robot.
 
     Noise is Gaussian, and a share of beams has no valid measurement (Thrun, Burgard & Fox,
-    Probabilistic Robotics, 2005, section 6.3, without its unexpected objects, which are shapes
-    here). As many numbers are drawn for each scan, whatever it sees.
+    Probabilistic Robotics, 2005, section 6.3; the unexpected objects of that model are shapes
+    here). The number of random draws per scan does not depend on its content.
     """
 
     def __init__(self, config: LidarConfig, mount: Attachment, seed: int) -> None:
         self._config, self._mount = config, mount
         fov = math.radians(config.fov_deg)
-        gaps = config.beams if config.fov_deg == 360.0 else config.beams - 1  # the ends are one
+        gaps = config.beams if config.fov_deg == 360.0 else config.beams - 1  # both ends coincide
         self._first, self._step = _single(-fov / 2), _single(fov / gaps)
         angles = self._first + self._step * np.arange(config.beams)
         self._last = _single(angles[-1])

@@ -1,4 +1,4 @@
-"""The nodes of the sensors: true poses become measurements."""
+"""The nodes of the sensors: from true poses to measurements."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class _Sensor(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.own = scenario.robot_name or "target"
-        """The name of its own robot's person."""
+        """The name of the person whom this robot follows."""
         self.robots = [scenario.robot, *scenario.others.values()]
         self.scene = Scene(scenario.world, self.robots)
         self.around = m.People()
@@ -39,7 +39,7 @@ class _Sensor(Node):
         """Place all people and robots; return the robot's pose and the joints of all people.
 
         In real time the robot's pose may come too late for its tick. A sensor then skips the frame.
-        The robot's own person is the first of them, and the others keep their order.
+        The person whom the robot follows is the first, and the others keep their order.
         """
         robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
         body = inputs[TARGET_SKELETON]
@@ -63,7 +63,7 @@ class _Sensor(Node):
         return robot, people
 
     def _check_captures(self, ticks: int) -> None:
-        """Refuse a sensor that would look while the body does not move."""
+        """Refuse a sensor whose captures are not at updates of the body."""
         if ticks % self.scenario.ticks_per("sensors.skeleton_rate_hz"):
             raise ConfigError(
                 f"{self.key}: period and latency must be whole multiples of the skeleton's period: "
@@ -92,7 +92,7 @@ class LidarNode(_Sensor):
 
 
 class TrackerNode(_Sensor):
-    """Sees the joints of the person."""
+    """Tracks the joints of persons."""
 
     ROW = TABLE["tracker"]
 
@@ -118,7 +118,7 @@ class TrackerNode(_Sensor):
 
 
 class DepthNode(_Sensor):
-    """Takes depth pictures."""
+    """Captures depth images."""
 
     ROW = TABLE["depth"]
 
@@ -127,7 +127,7 @@ class DepthNode(_Sensor):
         self.camera = DepthCamera(self.scenario.sensors.depth, self.scenario.robot.camera, seed)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return a picture when one is due, and how it was projected."""
+        """Return an image when one is due, and the camera's projection."""
         if not self._is_due(tick, inputs):
             return {}
         robot, _ = self._place(inputs)

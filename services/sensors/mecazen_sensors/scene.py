@@ -1,17 +1,17 @@
-"""The world as rays see it: MuJoCo's shapes and ray casts, and nothing else of MuJoCo.
+"""The world for ray casts: uses only MuJoCo's shapes and ray tests.
 
-Ground, obstacles, robots and people are MuJoCo geoms. Nothing is simulated: poses are written
-where its kinematics would write them, into `geom_xpos` and `geom_xmat`, and lengths into
-`geom_size`, which is all that an exact ray test reads.
+Ground, obstacles, robots and people are MuJoCo geoms. MuJoCo simulates nothing: poses are written
+directly into `geom_xpos` and `geom_xmat`, the outputs of its kinematics, and lengths into
+`geom_size`. An exact ray test reads only these arrays.
 
-`mj_multiRay` first rules out bodies and geoms by bounds that the compiler has made of each
-geom's size, `geom_aabb` and `bvh_aabb`. A limb that is longer than at first would stick out of
-them and let rays through. So moving bodies have no bounds (`body_bvhadr` = -1): their geoms are
-tested exactly. Standing bodies keep their bounds, which makes a scan a third cheaper.
+`mj_multiRay` first excludes bodies and geoms by the bounds `geom_aabb` and `bvh_aabb`, which the
+compiler has computed from each geom's size. A limb that became longer would exceed its bounds and
+miss rays. So moving bodies have no bounds (`body_bvhadr` = -1): their geoms are tested exactly.
+Static bodies keep their bounds, which makes a scan a third cheaper.
 
-`cutoff` rules out by bounds as well, so what it leaves may be hit beyond it. Where a scan of 12 m
-differed from a closed form, in one of some hundred hits, it was by such hits alone: here they
-are none. The remaining case is a ray that grazes a silhouette within the rounding error.
+`cutoff` also excludes by bounds, so some hits are beyond it. Such hits were the only differences of
+a scan of 12 m from a closed form, one in some hundred; here they are discarded. The remaining
+difference is a ray that grazes a silhouette within the rounding error.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from mecazen.skeleton import INDEX, JOINTS, LIMBS
 Ints = npt.NDArray[np.int32]
 
 NOWHERE_M = -1e6
-"""Height of what is not there: below the ground, beyond every range."""
+"""Height of absent bodies: below the ground, beyond every range [m]."""
 CARRIER = 0
 """The number of the robot that carries the sensor."""
 HIDDEN = 1
-"""The geom group of what a level ray can't hit."""
+"""The geom group of geoms that a level ray can't hit."""
 SHOW_ALL = np.ones(mujoco.mjNGROUP, np.uint8)
 SHOW_LEVEL = (np.arange(mujoco.mjNGROUP) != HIDDEN).astype(np.uint8)
 
@@ -44,12 +44,12 @@ _EYE = np.eye(len(JOINTS))
 _BEGINS: Floats = _EYE[[INDEX[limb.begin] for limb in LIMBS]]
 _ENDS: Floats = _EYE[[INDEX[limb.end] for limb in LIMBS]]
 _ALONG, _MIDDLES = _ENDS - _BEGINS, (_BEGINS + _ENDS) / 2
-"""Take limbs (12, 3) from joints (20, 3)."""
+"""Matrices from joints (20, 3) to limbs (12, 3)."""
 _RADII = np.array([limb.radius for limb in LIMBS])
 
 
 class Scene:
-    """Ground, obstacles, robots and people; the latter are nowhere until they are placed."""
+    """Ground, obstacles, robots and people; people are absent until they are placed."""
 
     def __init__(self, world: WorldConfig, robots: Sequence[Robot] = (), people: int = 1) -> None:
         shapes = [_geom("plane", (0.0, 0.0, 1.0))]
@@ -81,7 +81,7 @@ class Scene:
         self._robot_positions = [self._positions[robot].copy() for robot in self._robots]
         self._robot_rotations = [self._rotations[robot].copy() for robot in self._robots]
         self._positions[moving:, 2] = NOWHERE_M
-        # half the height of each: upright boxes and cylinders have it in their size
+        # half the height of each geom: for upright boxes and cylinders it is part of their size
         self._reach: Floats = np.where(
             self._model.geom_type == mujoco.mjtGeom.mjGEOM_BOX, self._sizes[:, 2], self._sizes[:, 1]
         )
@@ -91,7 +91,7 @@ class Scene:
 
     @property
     def people(self) -> int:
-        """How many there are."""
+        """The number of people."""
         return len(self._people)
 
     def limbs(self, person: int) -> slice:
@@ -108,16 +108,16 @@ class Scene:
         self._rotations[geoms] = rotate(axes, pose.yaw).transpose(0, 2, 1)
 
     def place_person(self, person: int, joints: Floats, height: float) -> None:
-        """Give a person a body.
+        """Place a person's body.
 
         Args:
-            person: Its number.
+            person: The person's number.
             joints: Positions in the world in the order of `mecazen.skeleton.JOINTS` (20, 3) [m].
             height: Height of the body; the limbs' radii are shares of it [m].
         """
         geoms = self._people[person]
         along = product(_ALONG, joints)
-        along[:, 2] += 1e-12  # a sphere has no direction of its own: upwards
+        along[:, 2] += 1e-12  # a sphere has no direction: use upwards
         lengths = np.sqrt(np.einsum("ij,ij->i", along, along))
         axes = along / lengths[:, None]
         self._positions[geoms] = product(_MIDDLES, joints)
@@ -138,17 +138,17 @@ class Scene:
         *,
         level: bool = False,
     ) -> tuple[Floats, Ints]:
-        """Return the distance to the first thing that each ray hits, and its number.
+        """Return the distance to the first geom that each ray hits, and the geom's number.
 
         Args:
             origin: Origin of all rays, in the world (3,) [m].
-            directions: In the world (n, 3), of length 1.
+            directions: Unit vectors in the world (n, 3).
             robot: The robot that carries the sensor, which its rays pass through.
             max_range: Distance beyond which nothing is hit [m].
-            level: Whether all rays are parallel to the ground. It is quicker to know.
+            level: Whether all rays are parallel to the ground, which allows a faster test.
 
         Returns:
-            Distances (n,) [m], inf where nothing is hit, and numbers (n,), there -1.
+            Distances (n,) [m] and numbers (n,) of geoms; inf and -1 if nothing is hit.
         """
         rays = len(directions)
         distances, hits = np.empty(rays), np.empty(rays, np.int32)
@@ -156,7 +156,7 @@ class Scene:
         if level:
             shown = SHOW_LEVEL
             out = np.abs(self._positions[:, 2] - origin[2]) > self._reach
-            self._model.geom_group[:] = out  # HIDDEN where it is out of their plane
+            self._model.geom_group[:] = out  # HIDDEN if outside the rays' plane
         mujoco.mj_multiRay(
             self._model,
             self._data,

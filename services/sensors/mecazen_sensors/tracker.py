@@ -1,12 +1,12 @@
-"""A body tracker: the joints of people as an RGB-D camera with a body-tracking SDK reports them.
+"""A body tracker: simulates the joints that an RGB-D camera with a body-tracking SDK reports.
 
-A reported joint is the true one with an error of three parts: a bias that depends on the view
-alone, an Ornstein-Uhlenbeck process that drifts within a second, and white noise that grows
-with depth. White noise of a size that such sensors have makes a sixth of the variance that gait
-studies find in knee angles (4.8° of 12°); the rest is drift, bias and occlusion.
+The error of a reported joint has three parts: a bias that depends only on the view, an
+Ornstein-Uhlenbeck process that drifts within a second, and white noise that grows with depth. White
+noise of a typical size explains a sixth of the variance that gait studies find in knee angles (4.8°
+of 12°); the rest is drift, bias and occlusion.
 
-A joint is seen when the first thing that the ray to it hits is a limb that it belongs to. One
-that is not is noisier, lags behind, and is drawn to where the other leg has it.
+A joint is visible if the ray to it first hits a limb to which the joint belongs. A hidden joint is
+noisier, lags behind, and is pulled towards the posture of the other leg.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ from mecazen_sensors.camera import Camera
 from mecazen_sensors.scene import CARRIER, Scene
 
 NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 1.5, "foot": 1.5, "wrist": 1.5}
-"""Factors of white noise and drift, by joint; 1 for others. They grow away from the trunk."""
+"""Factors of white noise and drift, by joint; 1 for others. They increase away from the trunk."""
 BIAS_SCALE = {"pelvis": 1.5, "hip": 2.2, "knee": 0.8, "ankle": 1.0, "heel": 0.8, "foot": 0.8}
 """Factors of the bias, tuned: pelvis and hips, which no landmark shows, have the largest."""
 GUESSED_STD_M = {"knee": 0.2, "ankle": 0.28, "heel": 0.4, "foot": 0.4}
 """Additional reported deviation of a hidden joint of a leg, per `hidden_pull`; tuned for lag and
 pull together."""
 BEHIND_RAD = math.radians(60.0)
-"""Bearing from straight behind a person within which it may be taken for the front."""
+"""Bearing from straight behind a person within which back and front may be confused."""
 RESOLUTION = 4
 """Decimals of a reported position [m]."""
 
@@ -63,9 +63,9 @@ class _Track:
     def __init__(self, random: Generator, bias_weights: Floats) -> None:
         self.random = random
         self.bias: Floats = random.standard_normal((3 * COUNT, 5)) * bias_weights
-        """(60, 5) over the basis of views, in base_link."""
+        """The bias (60, 5) over the basis of views, in base_link."""
         self.drift: Floats = random.standard_normal((COUNT, 3))
-        """(20, 3), of unit variance."""
+        """The drift (20, 3), of unit variance."""
         self.relative: Floats | None = None  # (20, 3): the joints about the pelvis, with lag
         self.swapped = self.flipped = False
         self.identity = ""
@@ -75,8 +75,8 @@ class _Track:
 class Tracker:
     """A body tracker on a robot.
 
-    As many numbers are drawn for each frame and person, whatever is seen, and of each person by
-    themselves: one more changes nothing of the others'.
+    The number of random draws per frame and person does not depend on visibility. Each person has a
+    separate generator, so an additional person does not change the errors of the others.
     """
 
     def __init__(self, config: TrackerConfig, mount: Mount, seed: int, tick_s: float) -> None:
@@ -87,7 +87,7 @@ class Tracker:
         self._period = ticks_per_sample("sensors.tracker.rate_hz", config.rate_hz, tick_s)
         self._latency = whole_ticks("sensors.tracker.latency_s", config.latency_s, tick_s)
         self._frames: deque[tuple[int, m.Skeletons]] = deque()
-        """On their way, with the ticks at which they were taken."""
+        """Frames in transit, with the ticks of their captures."""
         frame_s = self._period * tick_s
         self._keep = math.exp(-frame_s / config.drift_time_s)
         self._fresh = math.sqrt(1.0 - self._keep**2)
@@ -101,13 +101,13 @@ class Tracker:
         self._bias_variance = bias * bias
         self._pull = config.hidden_pull * IS_LEG
         self._guess_variance = (scales(GUESSED_STD_M) * self._pull) ** 2
-        # of three orders of harmonics
+        # over three orders of harmonics
         self._bias_weights: Floats = np.repeat(bias, 3)[:, None] / math.sqrt(3.0)
         self._tracks: list[_Track] = []
         self._names = 0
 
     def captures(self, tick: int) -> bool:
-        """Return whether a frame is taken at `tick`, so that the scene must be as it is then."""
+        """Return whether a frame is captured at `tick`, so that the scene must be up to date."""
         return (tick + self._latency) % self._period == 0
 
     def observe(
@@ -172,11 +172,11 @@ class Tracker:
         Args:
             track: State of the tracker for the person.
             header: Header of the frame.
-            vectors: From the camera to the joints, in base_link (20, 3) [m].
+            vectors: Vectors from the camera to the joints, in base_link (20, 3) [m].
             depths: Depths of the joints (20) [m].
             inside: Whether the joints are in view, hidden or not.
-            reached: Whether nothing is before them.
-            limbs: Limbs that the rays to them hit, as in `LIMBS` if they are of this person.
+            reached: Whether nothing is in front of the joints.
+            limbs: Limbs that the rays to the joints hit first: indices of `LIMBS`, or `FOREIGN`.
         """
         config = self._config
         normals: Floats = track.random.standard_normal((2, COUNT, 3))
@@ -198,7 +198,7 @@ class Tracker:
         relative = vectors - vectors[0]
         to_left = (vectors[_LEFT_HIP] - vectors[_RIGHT_HIP]).tolist()
         x, y, _ = vectors[0].tolist()
-        # bearing of the camera about the person, 0 where the person looks to
+        # bearing of the camera about the person, 0 straight ahead of the person
         bearing = math.atan2(-y, -x) - math.atan2(-to_left[0], to_left[1])
         c, s = math.cos(bearing), math.sin(bearing)
         crossing = any(limb in other for limb, other in zip(limbs, OTHER_LEG, strict=True))
@@ -236,7 +236,7 @@ class Tracker:
         )
 
     def _confuse(self, track: _Track, chances: list[float], crossing: bool, behind: bool) -> None:
-        """Take left for right, or not any more: Markov chains of two states each."""
+        """Start or end a confusion of left and right: two Markov chains of two states."""
         swap, flip = chances
         if track.swapped:
             track.swapped = swap >= self._unswap

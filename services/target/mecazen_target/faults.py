@@ -16,7 +16,7 @@ from numpy.random import PCG64, Generator
 Flags = npt.NDArray[np.bool_]
 
 FAULTS_STREAM = 1
-"""Beside the seed: the faults are drawn apart, so that they leave the noise as it is."""
+"""Stream number of the faults, used with the seed: separate draws leave the noise unchanged."""
 
 
 def in_ticks(intervals_s: Sequence[tuple[float, float]], tick_s: float) -> list[tuple[int, int]]:
@@ -25,7 +25,7 @@ def in_ticks(intervals_s: Sequence[tuple[float, float]], tick_s: float) -> list[
 
 
 class Faults:
-    """The faults of a sensor; those by chance repeat after `frames` frames."""
+    """The faults of a sensor; random faults repeat after `frames` frames."""
 
     def __init__(self, config: SensorConfig, seed: int, frames: int, tick_s: float) -> None:
         self._sensor = config
@@ -36,7 +36,7 @@ class Faults:
 
     @cached_property
     def _drawn(self) -> tuple[Floats, Flags, Floats, Flags]:
-        """The random numbers; they take megabytes, so only sensors with such faults have them.
+        """The random numbers of the faults; they take megabytes, so they are drawn on demand.
 
         For each frame they are the offset of an outlier (n, 2) [m], whether the heading is flipped
         (n), the noise of the second person (n, 3), and whether that person is named first (n).
@@ -58,7 +58,7 @@ class Faults:
     def correlated(self, noise: Floats) -> Floats:
         """Return white noise (n, 3) correlated over time, of the same variance.
 
-        It is the Ornstein-Uhlenbeck process, sampled at the frames.
+        The result is an Ornstein-Uhlenbeck process, sampled at the frames.
         """
         if not self._config.noise_correlation_s:
             return noise
@@ -70,7 +70,7 @@ class Faults:
         return coloured
 
     def shown(self, tick: int, person: Pose2D) -> tuple[Pose2D | None, Pose2D | None]:
-        """Return whom a frame shows as the first person and as the second, at their true poses."""
+        """Return the true poses of the first and the second person that a frame shows."""
         if not self._config.other_m:
             return person, None
         other = person._replace(y=person.y + self._config.other_m)

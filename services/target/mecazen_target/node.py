@@ -1,4 +1,4 @@
-"""The target: the walking person, and what the robot's sensor sees of them."""
+"""The target: the walking person, and the observations of the robot's sensor."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from mecazen_people.paths import make_path, start_pose
 from mecazen_target.sensor import Frame, Sensor, latency_ticks
 
 BODY_STREAM = 2
-"""Beside the seed: strides are drawn apart from the sensor's noise and faults."""
+"""Stream number of the strides, used with the seed: they are separate from noise and faults."""
 
 
 class TargetNode(Node):
@@ -46,7 +46,7 @@ class TargetNode(Node):
             self.path = None if isinstance(path, people.Driven | people.Goal) else make_path(path)
         except ConfigError as error:
             raise ConfigError(f"target.path: {error}") from None
-        # both refuse what does not suit the tick
+        # both raise an error if a period is not a multiple of the tick
         scenario.sensor.ticks_per_frame(scenario.sim.tick_s)
         latency_ticks(scenario.sensor, scenario.sim.tick_s)
         self.sees_pose = "pose" in scenario.sensor.features
@@ -56,7 +56,7 @@ class TargetNode(Node):
             self.skeleton_period = scenario.ticks_per("sensors.skeleton_rate_hz")
 
     def reset(self, seed: int) -> None:
-        """Stand at the start, with noise from `seed`."""
+        """Place the person at the start, with noise from `seed`."""
         path, tick_s = self.config.path, self.scenario.sim.tick_s
         timeout_s = path.timeout_s if isinstance(path, people.Driven) else 0.0
         self.driven = Driven(start_pose(path), timeout_s, tick_s)
@@ -72,7 +72,7 @@ class TargetNode(Node):
             self.walker.reset(self.motion, seed, BODY_STREAM)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the person's pose, and in ticks that bring a frame what the sensor saw."""
+        """Return the person's pose, and the sensor's observation in ticks with a frame."""
         command = inputs.get(TARGET_CMD_VEL)
         if command is not None and not isinstance(self.config.path, people.Driven):
             inputs.refuse(TARGET_CMD_VEL, "the path is known; target.path.kind = 'driven' obeys")
@@ -117,13 +117,13 @@ class TargetNode(Node):
         else:
             motion = self.driven.step(missed) if missed else self.driven.motion
         self.tick = tick
-        # a body sways by itself
+        # a body includes the sway
         if self.config.gait is None or self.walker is not None:
             return motion
         return with_gait(motion, self.config.gait)
 
     def _look_round(self, inputs: Inputs) -> None:
-        """Note where the robot is, and the crowd of the tick before."""
+        """Store the robot's position, and the crowd of the previous tick."""
         x, y, yaw = inputs[GROUND_TRUTH].pose.pose.to_planar()
         length, width = self.scenario.robot.footprint
         outline = Outline(length, length, width, yaw)
@@ -152,7 +152,7 @@ class TargetNode(Node):
         return m.Observation(header=header, poses=tuple(pose for pose, _ in seen), ids=ids)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return where the person is, the distance walked, and whether a walk has ended."""
+        """Return the person's position, the distance walked, and whether a walk has ended."""
         (x, y, _), _, walked = self.motion
         end_s = math.inf if self.path is None else self.path.duration
         has_ended = 0.0 < end_s <= self.tick * self.scenario.sim.tick_s

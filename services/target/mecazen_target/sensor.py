@@ -26,13 +26,13 @@ class Frame(NamedTuple):
     pose: Pose2D | None
     """The person in `SensorConfig.frame` at the capture; None if not seen."""
     other: Pose2D | None = None
-    """Likewise a second person."""
+    """A second person, likewise."""
     other_first: bool = False
     """Whether the second person is listed first: a sensor has no order."""
 
 
 def latency_ticks(config: SensorConfig, tick_s: float) -> int:
-    """Return after how many ticks a frame arrives."""
+    """Return the number of ticks after which a frame arrives."""
     return whole_ticks("sensor.latency_s", config.latency_s, tick_s) + whole_ticks(
         "sensor.faults.unsaid_latency_s", config.faults.unsaid_latency_s, tick_s
     )
@@ -63,9 +63,9 @@ class Sensor:
         """ROS's 6x6 covariance of an observed pose; entries that are not measured are 0."""
 
     def observe(self, tick: int, robot: Pose2D, person: Pose2D) -> Frame | None:
-        """Return the frame that arrives at `tick`, given the true poses in the world then.
+        """Return the frame that arrives at `tick`, given the true poses in the world at that tick.
 
-        It is called at every tick, counted from 0; None at ticks without a frame.
+        Call this at every tick, counted from 0; the result is None at ticks without a frame.
         """
         self._past.append((tick, robot, person))
         if tick % self._ticks_per_frame:

@@ -1,4 +1,4 @@
-"""Rerun's components from arrays, for what is logged many times a second.
+"""Rerun's components from arrays, for data that is logged many times per second.
 
 Rerun's archetypes accept any kind of sequence, and detecting the kind takes most of their time.
 """
@@ -47,7 +47,7 @@ class _Batch:
 
 
 def transform(translation: Array, quaternion: Array) -> Components:
-    """Return a frame in its parent's: translation (3,) [m], rotation (4,) as x, y, z, w."""
+    """Return a frame in its parent frame: translation (3,) [m], rotation (4,) as x, y, z, w."""
     # always both: a component left out would be reset to zero
     return [_vectors(_TRANSLATION, translation, 3), _vectors(_QUATERNION, quaternion, 4)]
 

@@ -18,7 +18,7 @@ FLATTEST = 1e-14
 
 
 def planar(covariance: tuple[float, ...]) -> Array | None:
-    """Return the (3, 3) over (x, y, yaw) of ROS's 6x6; None if it is not positive definite."""
+    """Return the covariance (3, 3) of (x, y, yaw) from ROS's 6x6; None if not positive definite."""
     rows = np.array(planar_covariance(covariance))
     part: Array = (rows + rows.T) / 2.0
     eigenvalues = np.linalg.eigvalsh(part)
@@ -32,7 +32,7 @@ def ellipse_axes(covariance: Array, yaw: float = 0.0) -> Array:
 
     `covariance` (3, 3) over (x, y, yaw) is rotated by `yaw` [rad].
     """
-    # any L with L·Lᵀ = C maps the unit circle to the same ellipse; this is Cholesky's
+    # any L with L·Lᵀ = C maps the unit circle to the same ellipse; here L is the Cholesky factor
     xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     a = math.sqrt(xx)
     b = xy / a

@@ -62,7 +62,7 @@ GREY: Colour = (128, 128, 128)
 
 
 def of_robot(path: str, robot: str) -> str:
-    """Return a path namespaced by one of several robots: its name follows the first part.
+    """Return a path in the namespace of one of several robots, whose name follows the first part.
 
     A path of one part, such as the table of health, belongs to all robots.
     """

@@ -1,4 +1,4 @@
-"""Diagnostics and tracking state as text: changes in a log, the newest values in full."""
+"""Diagnostics and tracking state as text: a log of changes, and all newest values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LEVELS = _LOG.INFO, _LOG.WARN, _LOG.ERROR, _LOG.WARN
 NAMES = ("ok", "warning", "error", "stale")
 
 HIDDEN = {"refused_payloads"}
-"""Contained in the status."""
+"""Values that are not shown: the status contains them."""
 HIDDEN_PREFIXES = ("hz/", "age_s/")
 """Details of each input; `mecazen status` shows them."""
 TRACKING_LEVELS = {"coasting": rr.TextLogLevel.WARN, "lost": rr.TextLogLevel.ERROR}
@@ -44,7 +44,7 @@ class Health:
             yield f"{e.LOG}/follower", rr.TextLog(line, level=level)
 
     def guard(self, state: GuardState, robot: str) -> Iterator[Entity]:
-        """Return a log line if what the guard of a robot does has changed."""
+        """Return a log line if the state of a robot's guard has changed."""
         if state.state != self._guard.get(robot, ""):
             self._guard[robot] = state.state
             level = GUARD_LEVELS.get(state.state, rr.TextLogLevel.INFO)
@@ -52,7 +52,7 @@ class Health:
             yield f"{e.LOG}/guard", rr.TextLog(printable(line), level=level)
 
     def diagnostics(self, service: str, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
-        """Return a log line if the health of a service has changed, and the text of all."""
+        """Return a log line if the health of a service has changed, and the full text."""
         name = join_key(service, robot)
         for status in report.status:
             before = self._status.get(name)

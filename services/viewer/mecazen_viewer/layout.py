@@ -10,7 +10,7 @@ from mecazen_viewer import entities as e
 from mecazen_viewer.plots import TIME_LINES
 
 BACKGROUND = (206, 211, 218)
-"""Background of the scene: light, since the robot is dark, in both themes of the viewer."""
+"""Background of the scene in both themes of the viewer: light, since the robot is dark."""
 PLOTTED_NS = 30 * 10**9
 """Time span of each plot [ns]."""
 WHEEL_SHARE = 1.5
@@ -44,7 +44,7 @@ def _of_robot(robot: str) -> rrb.Horizontal:
             name=name,
             time_ranges=past,
             axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end)),
-            # over the oldest values
+            # covers the oldest values
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
         )
 

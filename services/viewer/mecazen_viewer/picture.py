@@ -1,4 +1,4 @@
-"""From messages to entities; without bus and clock."""
+"""Converts messages to entities, without bus and clock."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def surroundings(scenario: Scenario) -> Iterator[Entity]:
 
 
 class Picture:
-    """The entities of one namespace, as a rule of one robot, in one run.
+    """The entities of one namespace, usually that of one robot, in one run.
 
     Each method takes a message and the time of its tick [ns], and returns the entities that
     change. All raise RefusedError if a message can't be drawn. `scenario` is that of the robot's
@@ -129,7 +129,7 @@ class Picture:
             yield from plots.velocity("measured", odom.twist.twist.to_planar())
 
     def on_target_odom(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
-        """Move the person, whose body walks by itself if no service publishes its joints."""
+        """Move the person; the body is animated if no service publishes its joints."""
         pose = _planar(odom)
         yield self._place(things.frame(e.PERSON, pose))
         if not self._has_skeleton:
@@ -156,7 +156,7 @@ class Picture:
         yield senses.body(skeleton)
 
     def on_skeletons(self, frame: m.Skeletons, time_ns: int) -> Iterator[Entity]:
-        """Show the bones that are seen, placed with the robot's pose at their capture."""
+        """Show the detected bones, transformed with the robot's pose at their capture."""
         del time_ns
         robot = self._robot.at(frame.header.stamp.ns)
         if robot is not None:
@@ -175,7 +175,7 @@ class Picture:
         yield senses.depth(image)
 
     def on_observation(self, frame: m.Observation, time_ns: int) -> Iterator[Entity]:
-        """Show the observation, placed with the robot's pose at its capture."""
+        """Show the observation, transformed with the robot's pose at its capture."""
         seen = self._in_world(frame) if frame.poses else None
         if seen is not None:
             self._seen.append(seen)
@@ -216,7 +216,7 @@ class Picture:
             yield plots.consistency(covariance.nees(person, in_odom, spread))
 
     def on_guard_state(self, state: m.GuardState, time_ns: int) -> Iterator[Entity]:
-        """Log what the guard does, when it changes."""
+        """Log changes of the guard's state."""
         del time_ns
         yield from self._health.guard(state, self._name)
 
@@ -237,7 +237,7 @@ class Picture:
                     yield plots.real_time(_number(pair.value))
 
     def statics(self) -> Iterator[Entity]:
-        """Return the shapes of what has been placed since the last call, and a moved grid."""
+        """Return the shapes of newly placed frames, and the grid if it moved."""
         yield from self._placed
         self._placed.clear()
         if self._centre is not None and self._centre != self._grid:
@@ -245,7 +245,7 @@ class Picture:
             yield things.ground(self._grid)
 
     def _place(self, frame: Entity) -> Entity:
-        """Return a frame, and have its shapes drawn if they are not yet."""
+        """Return a frame, and queue its shapes if they are not drawn yet."""
         self._placed += self._unplaced.pop(frame[0], ())
         return frame
 
@@ -257,7 +257,7 @@ class Picture:
         return True
 
     def _in_world(self, frame: m.Observation) -> Pose2D | None:
-        """Return the observed position in world, with the yaw of the frame of observation."""
+        """Return the observed position in world, with the yaw of the observation's frame."""
         seen = _in_range(frame.poses[0].pose.to_planar())
         if frame.header.frame_id != "base_link":
             return seen._replace(yaw=0.0)

@@ -34,8 +34,8 @@ def open_file(file: Path, *, native: bool) -> None:
     """Show a file until its window is closed or until Ctrl-C.
 
     Raises:
-        ConfigError: It can't be read, or is no recording in spite of its name.
-        RerunError: Rerun can't show it here.
+        ConfigError: The file can't be read, or is not a recording in spite of its name.
+        RerunError: Rerun can't show the file here.
     """
     with open_regular(file) as content:
         begin = content.read(len(MAGIC))
@@ -65,7 +65,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
     """Draw a recording of `mecazen record` into files for Rerun, one for each run.
 
     Raises:
-        MecazenError: It is another kind of file, or has no configuration of its run.
+        MecazenError: The file is of another kind, or lacks the configuration of its run.
     """
     entries = entry_points(group="mecazen.recordings")
     reader = next((one.load() for one in entries if f".{one.name}" == file.suffix), None)
@@ -100,7 +100,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
 
 
 def _frames(samples: Iterable[Any]) -> Iterator[Any]:
-    """Return the samples at the rate at which the viewer takes them in a live run."""
+    """Return the samples at the rate at which the viewer draws them in a live run."""
     shown: dict[str, tuple[int, int]] = {}  # run and time [ns] of the last sample of each key
     for sample in samples:
         run = -1 if sample.stamp is None else sample.stamp.run

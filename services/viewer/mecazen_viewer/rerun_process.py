@@ -1,6 +1,6 @@
 """Rerun's program as a child process: server, viewer, screenshots.
 
-Rerun's SDK could serve from this process, but its web page only on all interfaces.
+Rerun's SDK could serve from this process, but it serves its web page only on all interfaces.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from rerun.experimental import ViewerClient
 PROGRAM = Path(rerun_cli.__file__).with_name("rerun")
 """The executable; terminating its Python wrapper would leave it running."""
 SERVES, SHOWS, HEADLESS = "Hosting a web-viewer", "wgpu adapter", "Headless viewer running"
-"""Log lines that show that it serves, that its window is open, and that it runs without one."""
+"""Log lines that show that Rerun serves, that its window is open, and that it runs headless."""
 WINDOW = "--port=auto", "--hide-welcome-screen"
-"""Arguments for a window, which asks no host for examples."""
+"""Arguments for a window that does not download examples."""
 STOP_TIMEOUT_S = 3.0
 PR_SET_PDEATHSIG = 1
 
@@ -40,7 +40,7 @@ class RerunProcess:
     """Rerun's program, started once its log contains `ready`.
 
     Raises:
-        RerunError: It ended before.
+        RerunError: The program ended before that.
     """
 
     def __init__(self, *arguments: str, ready: str, bind: str = LOOPBACK) -> None:
@@ -66,22 +66,22 @@ class RerunProcess:
             self._process.wait()
             self._stderr.close()
             self.check()
-        # it would block on a full pipe
+        # the child would block on a full pipe
         self._reader = threading.Thread(target=lambda: [None for _ in self._lines()], daemon=True)
         self._reader.start()
 
     def check(self) -> None:
-        """Raise RerunError if it has ended."""
+        """Raise RerunError if the program has ended."""
         code = self._process.poll()
         if code is not None:
             raise RerunError(f"rerun has ended: {self._last or f'code {code}'}")
 
     def wait(self) -> None:
-        """Wait until it ends by itself, e.g. when its window is closed."""
+        """Wait until the program ends by itself, e.g. when its window is closed."""
         self._process.wait()
 
     def close(self) -> None:
-        """Terminate it."""
+        """Terminate the program."""
         self._process.terminate()
         try:
             self._process.wait(STOP_TIMEOUT_S)
@@ -103,7 +103,7 @@ def headless_viewer(width: int = 1920, height: int = 1080) -> Iterator[ViewerCli
     """Run a viewer without a window of `width` x `height` pixels, for screenshots and tests.
 
     Raises:
-        RerunError: It does not start, e.g. without a Vulkan driver (Debian's
+        RerunError: The viewer does not start, e.g. without a Vulkan driver (Debian's
             mesa-vulkan-drivers renders in software).
     """
     port = free_port("port", 0)
@@ -116,7 +116,7 @@ def free_port(key: str, wanted: int) -> int:
     """Return `wanted` if that port is free, or any free port for 0.
 
     Raises:
-        RerunError: It is taken; the message names `key`.
+        RerunError: The port is taken; the message names `key`.
     """
     if not wanted:
         return ports.free_port()

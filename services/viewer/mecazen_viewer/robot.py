@@ -1,6 +1,6 @@
 """The robot from its URDF: static shapes, and poses of moving links from joint states.
 
-Equal shapes, such as the rollers, are instances of one entity: docs/viewer.md.
+Equal shapes, such as the rollers, are instances of one entity; see docs/viewer.md.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class RobotModel:
     """The robot as entities below `world/robot`, which is base_link.
 
     Raises:
-        RefusedError: The links form no tree, or a mesh is missing or not a binary STL.
+        RefusedError: The links do not form a tree, or a mesh is missing or not a binary STL.
     """
 
     def __init__(self, urdf: Urdf, meshes: Mapping[str, bytes]) -> None:
@@ -52,7 +52,7 @@ class RobotModel:
         self._places = np.array([(0.0, 0.0, 0.0), *(joint.origin.xyz for joint in joints)])
         self._turns = rotation.from_rpy([(0.0, 0.0, 0.0), *(joint.origin.rpy for joint in joints)])
         axes = np.array([(0.0, 0.0, 0.0), *(joint.axis or (0.0, 0.0, 0.0) for joint in joints)])
-        # at the angle a a rotation is cos(a/2) of that at 0 plus sin(a/2) of this at pi
+        # the rotation at angle a is cos(a/2) times that at 0 plus sin(a/2) times that at pi
         self._half_turned = rotation.multiply(
             self._turns, rotation.about(axes, np.full(len(links), math.pi))
         )
@@ -168,7 +168,7 @@ def read_stl(data: bytes) -> tuple[Singles, npt.NDArray[np.uint32], Singles]:
     the mean of its facets' normals, weighted by area, so that the shading is smooth.
 
     Raises:
-        RefusedError: It is not a binary STL file.
+        RefusedError: The data is not a binary STL file.
     """
     if len(data) < STL_HEADER_BYTES or (len(data) - STL_HEADER_BYTES) % STL_FACET.itemsize:
         raise RefusedError("not a binary STL file")

@@ -31,7 +31,7 @@ _BONES = [(INDEX[parent], INDEX[joint]) for joint, parent in PARENTS.items() if 
 _ENDS = [(INDEX[limb.begin], INDEX[limb.end]) for limb in LIMBS]
 _TRUNK = next(number for number, limb in enumerate(LIMBS) if limb.name == "trunk")
 _DRAWN_TRUNK = 0.7
-"""Share of the trunk's line that is drawn, so that its round end is as high as the shoulders."""
+"""Share of the trunk's line that is drawn, so that its round end reaches the shoulders."""
 _FOR_LOOKS = (
     (INDEX["neck"], INDEX["head"], 0.033, SKIN),
     (INDEX["left_shoulder"], INDEX["right_shoulder"], 0.032, CLOTHES),
@@ -40,7 +40,7 @@ _FOR_LOOKS = (
 
 
 def styles(height: float) -> Iterator[Entity]:
-    """Return the static looks of a body of `height` [m], of seen bones and of a scan."""
+    """Return the static styles of a body of `height` [m], of detected bones and of a scan."""
     colours = [
         next((look for part, look in _LOOKS.items() if limb.name.endswith(part)), CLOTHES)
         for limb in LIMBS
@@ -132,7 +132,7 @@ def depth(image: m.Image) -> Entity:
     """Return a depth picture.
 
     Raises:
-        RefusedError: It is none of 16 bits, or its data are of another size.
+        RefusedError: The image does not have 16 bits, or its data has a wrong size.
     """
     if image.encoding != "16UC1" or len(image.data) != 2 * image.width * image.height:
         raise RefusedError(f"depth picture: {image.encoding!r}, {len(image.data)} bytes")
@@ -150,7 +150,7 @@ def _joints(skeleton: m.Skeleton | m.Person) -> Array:
 
 
 def _sphere(strip: Array) -> Array:
-    """Return a line so short that with its round ends it is a sphere, from above as well."""
+    """Return a line so short that it looks like a sphere with its round ends, from all sides."""
     return np.add(strip, ((-0.01, -0.01, -0.01), (0.01, 0.01, 0.01)))
 
 

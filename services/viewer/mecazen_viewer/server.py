@@ -1,4 +1,4 @@
-"""Serves runs to any number of viewers, which may attach at any time."""
+"""Serves runs to any number of viewers, which may connect at any time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from mecazen_viewer.web import served_page
 logger = logging.getLogger(__name__)
 
 BUFFER = "32MiB"
-"""History for viewers that attach late: some minutes; the oldest data is dropped first."""
+"""Size of the history for viewers that connect late: some minutes; the oldest data is dropped
+first."""
 
 
 class Server:
@@ -43,7 +44,7 @@ class Server:
     def take(self, recording: rr.RecordingStream) -> None:
         """Serve a new recording; attached viewers switch to it."""
         recording.connect_grpc(self.uri, default_blueprint=self._layout)
-        # sent once: the server keeps it for all runs, and a viewer the changes of its user
+        # sent once: the server keeps the layout for all runs, and a viewer keeps its user's changes
         self._layout = None
 
 

@@ -1,4 +1,4 @@
-"""The viewer: draws everything that is published, and serves it."""
+"""The viewer: draws all published samples, and serves the pictures."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ DESCRIPTION_TIMEOUT_S = 2.0
 
 
 class ViewerService(Observer):
-    """Shows every run, with all its robots, as a recording of its own."""
+    """Shows every run, with all its robots, as a separate recording."""
 
     def __init__(self, name: str, bus: Bus, scenario: Scenario) -> None:
         self.config = scenario.viewer
         self.runs = 0
         self.send: Callable[[rr.RecordingStream], None] | None = None
-        """Called with the recording of each run before anything is logged in it. Without it the
-        recording is kept in memory for `widget`, with no more samples than a live picture has."""
+        """Function that is called with the recording of each run before any data is logged. If it
+        is None, the recording is kept in memory for `widget`, at the rate of a live picture."""
         self.recording: rr.RecordingStream | None = None
         self.logged_ns = -1
         self._shown: dict[str, int] = {}
@@ -75,7 +75,7 @@ class ViewerService(Observer):
             self.show(robot, keys.diagnostics(part), draw)
 
     def reset(self, seed: int) -> None:
-        """Begin new pictures: one for each robot, and one for what they share."""
+        """Begin new pictures: one for each robot, and one for shared entities."""
         del seed
         self.end()
         self._shown.clear()
@@ -96,7 +96,7 @@ class ViewerService(Observer):
                     self.bus.spin_once()
                     self.bus.drain()
                     server.check()
-                    # meanwhile newer samples replace older ones, which are not decoded
+                    # during this time newer samples replace older samples, which are not decoded
                     time.sleep(FRAME_S)
             finally:
                 self.end()
@@ -123,7 +123,7 @@ class ViewerService(Observer):
         topic: Topic[MessageT],
         draw: Callable[[Picture, MessageT, int], Iterable[Entity]],
     ) -> None:
-        """Log the entities that `draw` makes of a robot's topic, at the time of the tick."""
+        """Log the entities that `draw` returns for a robot's topic, at the time of the tick."""
         key = join_key(topic.key, robot)
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
@@ -167,7 +167,7 @@ class ViewerService(Observer):
         recording.set_log_time_enabled(False)
         if self.send is not None:
             self.send(recording)
-        # each of several robots has a seed of its own
+        # each of several robots has a separate seed
         seed = "" if self.scenario.robots else f", seed {self.stamp.seed}"
         recording.send_recording_name(f"run {self.runs}{seed}")
         for path, archetype in surroundings(self.scenario):
@@ -184,7 +184,7 @@ class ViewerService(Observer):
     def end(self) -> None:
         """End the recording of a run."""
         if self.recording is not None and self.send is None:
-            self.recording.flush()  # a widget has all of it then
+            self.recording.flush()  # so that a widget shows all data
         self.recording, self.logged_ns = None, -1
         # an orphaned recording keeps its threads until this call, which raises if any recording of
         # this process has lost its server: `run` reports the loss of its own server

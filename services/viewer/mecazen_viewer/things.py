@@ -1,6 +1,6 @@
 """Entities of the scene apart from the robot.
 
-Shapes are logged once, below a frame that moves: logging a frame costs a tenth of a shape.
+Shapes are logged once, below a moving frame: logging a frame costs a tenth of logging a shape.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ OUTLINE = [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]
 DOT_M = 1e-3
 
 ARROW = 0.42
-"""Height of the person's arrow, relative to theirs."""
+"""Height of the person's arrow, as a share of the person's height."""
 PERSON_ARROW_M = 0.6
 
 
@@ -65,7 +65,7 @@ def grid_centre(pose: Pose2D) -> tuple[int, int]:
 
 
 def ground(centre: tuple[int, int]) -> Entity:
-    """Return grid lines 1 m apart around `centre` [m]; those through the origin are darker."""
+    """Return grid lines 1 m apart around `centre` [m]; the lines through the origin are darker."""
     places = np.arange(-GRID_REACH_M, GRID_REACH_M + 1)
     # in short pieces, since Rerun draws long lines near the camera with a wrong width
     along, across = np.meshgrid(places, places)
@@ -79,9 +79,9 @@ def ground(centre: tuple[int, int]) -> Entity:
 
 
 def obstacle(number: int, size: Sequence[float], place: Pose2D, bottom: float = 0.0) -> Entity:
-    """Return a static body, whose underside is at the height `bottom` [m].
+    """Return an obstacle, whose underside is at the height `bottom` [m].
 
-    Its `size` [m] is a box's length, width and height, or a cylinder's radius and height.
+    `size` [m] is a box's length, width and height, or a cylinder's radius and height.
     """
     path = f"{e.OBSTACLES}/{number}"
     look: dict[str, Any] = {"colors": [OBSTACLE_COLOUR], "fill_mode": "solid"}
@@ -119,10 +119,10 @@ def patch(number: int, size: Sequence[float], place: Pose2D) -> Entity:
 
 
 def marks(length: float, width: float, height: float) -> dict[str, list[Entity]]:
-    """Return the shapes below each frame, which only exists once it is placed.
+    """Return the shapes below each frame; they are drawn once the frame is placed.
 
-    `length` and `width` [m] of the robot are those of the outline at the goal, `height` [m] of the
-    person that of the arrow which shows where they face.
+    `length` and `width` [m] of the robot give the outline at the goal. `height` [m] of the person
+    gives the height of the arrow that shows their heading.
     """
     corners = np.array(OUTLINE) * (length / 2, width / 2)
     angles = np.linspace(0.0, math.tau, CIRCLE_POINTS)
@@ -149,7 +149,7 @@ def styles() -> Iterator[Entity]:
 
 
 def label(robot: str) -> Entity:
-    """Return the name of one of several robots, drawn above it."""
+    """Return the name of one of several robots, drawn above the robot."""
     place = [(0.0, 0.0, LABEL_Z)]
     point = rr.Points3D(place, labels=[robot], colors=[LABEL_COLOUR], radii=[DOT_M])
     return f"{e.ROBOT}/label", point

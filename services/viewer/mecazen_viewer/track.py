@@ -12,9 +12,9 @@ from mecazen.poses import PoseHistory
 HISTORY_NS = 8 * 10**9
 TRAIL_NS = 60 * 10**9
 TRAIL_STEP_NS = 200_000_000
-"""Time between two points of a trail, which has 300."""
+"""Time between two points of a trail, which has up to 300 points [ns]."""
 JUMP_M = 1.0
-"""A larger distance between two points of a trail is a jump and begins a new trail."""
+"""A larger distance between two points of a trail is a jump and starts a new trail [m]."""
 
 
 class PoseSeries:
@@ -45,7 +45,7 @@ class PoseSeries:
         return np.array([point[1:] for point in self._trail])
 
     def at(self, time_ns: int) -> Pose2D | None:
-        """Return the pose at a time, else the one nearest in time; None without any pose."""
+        """Return the pose at a time, or the pose nearest in time; None without any pose."""
         if not len(self._poses):
             return None
         oldest_ns, newest_ns = self._poses.span_ns

@@ -1,4 +1,4 @@
-"""The walking body of a person of whom only the pose is published."""
+"""The animated body of a person if only the pose is published."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from mecazen_people.body.walker import Walker
 from mecazen_people.motion import Motion
 
 STEP_S = 0.04
-"""Longest step of the gait [s]; a slower picture takes several."""
+"""Longest step of the gait [s]; longer intervals are divided into several steps."""
 GAP_S = 1.0
-"""After a longer gap the body stands at the new pose [s]."""
+"""Longest gap after which the walk continues; after a longer gap the body starts standing [s]."""
 
 
 class WalkingBody:
-    """A body of `height_m` that walks where a pose goes."""
+    """A body of `height_m` that walks along the given poses."""
 
     def __init__(self, height_m: float) -> None:
         self._walker = _walker(height_m).twin()
@@ -28,7 +28,7 @@ class WalkingBody:
     def walk(self, pose: Pose2D, twist: Twist2D, time_ns: int) -> npt.NDArray[np.float64]:
         """Walk to a pose and return the joints (20, 3) in world [m].
 
-        `twist` is the velocity there in the person's frame, `time_ns` the simulated time.
+        `twist` is the velocity at the pose in the person's frame, `time_ns` the simulated time.
         """
         gap_s, self._time_ns = (time_ns - self._time_ns) / 1e9, time_ns
         if not 0.0 <= gap_s <= GAP_S:
@@ -42,5 +42,5 @@ class WalkingBody:
 
 @cache
 def _walker(height_m: float) -> Walker:
-    """Return the walker whose gait all bodies of a height share: its solution takes 0.2 s."""
+    """Return the walker whose gait all bodies of a height share: computing a gait takes 0.2 s."""
     return Walker(Body(height_m=height_m))

@@ -1,4 +1,4 @@
-"""Rerun's web page, with a policy that lets it contact the viewer only."""
+"""Serves Rerun's web page, with a policy that allows connections only to the viewer."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ POLICY = (
     "default-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; "
     "connect-src 'self' http://*:{port}"
 )
-"""Without it the page also loads a font, reports its use, and asks for newer versions."""
+"""Content security policy; without it the page loads a font, reports its use, and checks for
+updates."""
 LINKS_OUTSIDE = re.compile(rb'<link\b[^>]*"https://[^>]*>')
-"""Links for fonts: a browser connects to their hosts in advance, whatever the policy says."""
+"""Links for fonts: browsers connect to their hosts in advance, in spite of the policy."""
 TIMEOUT_S = 10.0
 POLL_S = 0.1
-"""Period in which the server looks whether it has to end [s]."""
+"""Period in which the server checks whether it has to end [s]."""
 
 
 @contextmanager
@@ -64,7 +65,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = TIMEOUT_S
 
     def do_GET(self) -> None:
-        """Answer with a file of Rerun's."""
+        """Respond with a file of Rerun's server."""
         path = self.path.partition("?")[0]
         if not re.fullmatch(r"/[\w./-]*", path, re.ASCII):
             self.send_error(HTTPStatus.NOT_FOUND)
@@ -82,7 +83,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.end_headers()
                 self.wfile.write(body)
         except (ConnectionError, TimeoutError):
-            self.close_connection = True  # the browser has gone, or Rerun's program
+            self.close_connection = True  # the browser has disconnected, or Rerun has ended
 
     def log_message(self, *_: object) -> None:
         """Log nothing."""

@@ -69,7 +69,7 @@ def graph(
     table = Table("node", "takes", "gives, answers?", show_lines=True)
     for name in order:
         row = nodes.row(name)
-        process = process_of.get(name, name)  # the collector's is no service's
+        process = process_of.get(name, name)  # the collector is in none of the listed processes
         place = name if process == name else f"{name}\nin {process}"
         given = graph_views.gives(row, "\n", loaded)
         table.add_row(*map(Text, (place, graph_views.takes(row, "\n"), given)))

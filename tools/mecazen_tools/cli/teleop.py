@@ -261,7 +261,7 @@ def _keyboard() -> Iterator[tuple[Callable[[float], Keystroke], bool]]:
     """Yield a function that waits for a key up to a time [s], and whether releases are reported."""
     from blessed import Terminal  # noqa: PLC0415  # only teleop needs it
 
-    # with styles it asks the terminal what it can draw, and waits 10 s for one that does not answer
+    # with styles, blessed queries the terminal, and waits 10 s for a terminal that does not answer
     terminal = Terminal(force_styling=None)
     with terminal.cbreak():
         tells_release = terminal.get_kitty_keyboard_state(ANSWER_S) is not None

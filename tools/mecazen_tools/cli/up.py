@@ -131,7 +131,7 @@ def up(
 
 
 def _shares_router(bus: BusConfig) -> bool:
-    """Return whether a router of another run is there, with which this namespace can be shared."""
+    """Return whether a router of another run exists, which this namespace can share."""
     if bus.namespace is None:
         return False
     try:
@@ -142,7 +142,7 @@ def _shares_router(bus: BusConfig) -> bool:
 
 
 class Interrupts:
-    """Raises KeyboardInterrupt at each signal that asks this process to end, and remembers it.
+    """Raises KeyboardInterrupt at each signal that asks this process to end; stores the signal.
 
     Python drops an exception that is raised in a destructor or a callback. `check` raises the
     KeyboardInterrupt of such a Ctrl-C again.
@@ -173,7 +173,7 @@ def _show(console: Console, line: Line) -> None:
 
 
 def _await_viewer(console: Console, supervisor: Supervisor) -> None:
-    """Show lines up to the viewer's first, its address, which comes before all else."""
+    """Show lines up to the viewer's first, its address, so that the address precedes all else."""
     end_s = time.monotonic() + VIEWER_START_S
     while (line := supervisor.poll(end_s - time.monotonic())) is not None:
         _show(console, line)
@@ -205,8 +205,8 @@ def _watch(
 class Status:
     """The state of the simulation from its services' health: one line for each robot.
 
-    It needs only the health that services publish once a second. A subscription to samples of the
-    loop, through the router, would cost their publishers as much as another service does.
+    The status needs only the health that services publish once a second. A subscription to samples
+    of the loop, through the router, would cost their publishers as much as another service does.
     """
 
     def __init__(self, bus: ZenohBus, scenario: Scenario) -> None:
@@ -287,7 +287,7 @@ def _work(process: str, scenario: Scenario) -> str:
 
 
 def _introduce(console: Console, scenario: Scenario, given: str, pids: Mapping[str, int]) -> None:
-    """Show the processes of a scenario, given by a name or file, and how to attach to it."""
+    """Show the processes of a scenario, given by a name or file, and commands to attach to it."""
     table = Table("process", "pid", "what it does", title="running", title_justify="left")
     for name, pid in pids.items():
         table.add_row(name, str(pid), escape(_work(name.rpartition("/")[2], scenario)))

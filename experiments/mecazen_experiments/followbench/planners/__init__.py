@@ -1,4 +1,4 @@
-"""Planners that follow the target of an episode: a view in, a speed and a yaw rate out."""
+"""Planners that follow the target of an episode: they map a view to a speed and a yaw rate."""
 
 from __future__ import annotations
 

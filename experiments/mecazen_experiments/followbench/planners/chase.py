@@ -1,7 +1,7 @@
 """Goals of the reference planners: the place by the target, or its prediction while unseen.
 
-After Follow-Bench's own planners (Ye et al., arXiv 2509.10796), so that they differ from each
-other by their control alone.
+The goals are those of Follow-Bench's own planners (Ye et al., arXiv 2509.10796), so that the
+reference planners differ only by their control.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ AHEAD_S = 2.0
 SEARCH_M = 0.2
 """Distance from the prediction at which a search ends [m]."""
 INITIAL, PROCESS, MEASURED = 0.1**2, 0.05**2, 0.5**2
-"""Variances of position [m²] and velocity [m²/s²]: at first, of a step, of a measurement."""
+"""Variances of position [m²] and velocity [m²/s²]: initial, per step, per measurement."""
 STANDING_M_S = 0.01
-"""Below this speed, a person keeps the heading of before."""
+"""Below this speed, a person keeps the previous heading."""
 
 
 def place(target: Seen, heading: float, robot: Pose2D, where: Place, distance: float) -> Pose2D:
-    """Return the pose to take by a target that walks in a direction `heading` [rad].
+    """Return the goal pose of the robot for a target that walks in the direction `heading` [rad].
 
-    Behind the target is on the line to the robot, at any bearing. Beside it is the nearer side.
+    For "back", the goal is on the line from the target to the robot, at any bearing. For
+    "left_side", it is on the nearer side.
     """
     if where == "back":
         bearing = math.atan2(target.y - robot.y, target.x - robot.x)
@@ -42,7 +43,7 @@ def place(target: Seen, heading: float, robot: Pose2D, where: Place, distance: f
 class ConstantVelocity:
     """Kalman filter of a position and velocity that are both measured.
 
-    The axes share one covariance, as all their variances are equal.
+    The axes share one covariance, since all their variances are equal.
     """
 
     def __init__(self, first: Seen) -> None:
@@ -54,7 +55,7 @@ class ConstantVelocity:
         pp = self._pp + STEP_S * (2.0 * self._pv + STEP_S * self._vv) + PROCESS
         pv, vv = self._pv + STEP_S * self._vv, self._vv + PROCESS
         det = (pp + MEASURED) * (vv + MEASURED) - pv * pv
-        # the gain is P (P + R)^-1, its rows those of position and velocity
+        # the gain is P (P + R)^-1, with rows for position and velocity
         kpp, kpv = (pp * (vv + MEASURED) - pv * pv) / det, pv * MEASURED / det
         kvv = (vv * (pp + MEASURED) - pv * pv) / det
         x, y, vx, vy = self._state
@@ -78,19 +79,19 @@ class ConstantVelocity:
 class Chase:
     """The goal of each step, and the last sight of the target.
 
-    As in Follow-Bench, the filter steps in a search only, with the last sight as measurement, and
-    lives on from one search to the next.
+    As in Follow-Bench, the filter is updated only during a search, with the last sight as
+    measurement, and keeps its state from one search to the next.
     """
 
     def __init__(self) -> None:
         self.last: Seen | None = None
         """The target when it was last visible."""
         self.heading = 0.0
-        """Direction of its walk [rad]."""
+        """Walking direction of the target [rad]."""
         self._filter: ConstantVelocity | None = None
 
     def goal(self, view: View) -> Pose2D:
-        """Return the pose to go to; the robot's own before the target was ever visible."""
+        """Return the goal pose; it is the robot's pose until the target is first visible."""
         robot, target = view.robot, view.target
         if target is not None:
             if math.hypot(target.vx, target.vy) >= STANDING_M_S:

@@ -1,17 +1,17 @@
-"""Our planner for the unicycle of Follow-Bench: sampled ways, and above all no contact.
+"""Our planner for the unicycle of Follow-Bench: sampled paths, with priority on no contact.
 
-It is the idea of `mecazen_follower.planner` without lateral motion: ways are sampled about the
-last plan and among fixed ones, and the cheapest is driven for a step. Little else fits. The
-follower's rollouts have the limits of four wheels, while this robot stops, and starts from rest,
-in one step. Its costs weigh bearing, heading and a camera's view, which do not count here; its
-table of distances reaches 3.3 m, for a plan that reaches 5 m.
+The idea is that of `mecazen_follower.planner` without lateral motion: paths are sampled around the
+last plan and from a fixed library, and the cheapest path is driven for a step. Little else can be
+shared. The follower's rollouts have the limits of four wheels, while this robot stops, and starts
+from rest, in one step. The follower's costs weigh bearing, heading and a camera's view, which do
+not count here. Its table of distances reaches 3.3 m, while plans here reach 5 m.
 
-Three facts about the benchmark decide the costs. A contact fails an episode, whoever caused it,
-so staying clear of people counts most and the place by the target little. People walk into a
-robot that stands; they give way to its axle as to a disc of 0.9 m, while its front reaches 0.6 m
+Three facts about the benchmark decide the costs. Any contact fails an episode, even if a person
+caused it, so clearance from people counts most and the place by the target little. People walk into
+a robot that stands. They avoid a disc of 0.9 m around its axle, while its front reaches 0.6 m
 ahead: a robot that turns its rear to people and backs up is rarely touched. A contact is checked
-after the robot's own move, before people move, so the first pose of a way meets people where
-they are now.
+after the robot's own move, before people move, so the first pose of a path is compared with the
+present positions of people.
 """
 
 from __future__ import annotations
@@ -32,54 +32,54 @@ from mecazen_experiments.followbench.unicycle import CENTRE, HALF, PERSON_RADIUS
 from mecazen_experiments.followbench.view import View
 
 NEAR_M, MOST = 4.0, 12
-"""People that count: range, and number of the nearest."""
+"""Maximum range [m] and maximum number of the people that are considered."""
 PERSON_M = 0.1
-"""A point of the scan this near to a visible person's outline is the person."""
+"""A point of the scan this near to a visible person's outline belongs to the person."""
 TOUCHING_M = 0.02
 """Gap that counts as a contact in a plan ..."""
 TOUCHING_NOW_M = 0.003
-"""... and in its first step, which is certain."""
+"""... and in its first step, for which people's positions are certain."""
 CELL_M, CELLS = 0.1, 105
-"""Cell and side of the table of distances from walls, 5.2 m to each side of the robot."""
+"""Cell size [m] and cells per side of the table of wall distances: 5.2 m to each side."""
 DISCS_M = CENTRE - HALF[0] / 2, CENTRE + HALF[0] / 2
-"""Centers of two discs about the halves of the outline, ahead of the axle ..."""
+"""Centres of two discs that enclose the halves of the outline, ahead of the axle ..."""
 DISC_M = math.hypot(HALF[0] / 2, HALF[1])
 """... and their radius."""
 FIT_M, CHECKS = 0.3, 50
-"""Distance from walls that a straight way needs, and the number of places where it is checked."""
+"""Clearance from walls that a straight path needs, and number of points at which it is checked."""
 AFTER = 4
-"""Number of steps whose jerk counts."""
+"""Number of steps whose jerk is penalised."""
 
 
 class Weights(NamedTuple):
     """Costs, and the distances over which they act."""
 
     touch: float = 1000.0
-    """A contact at one time of a way; ten times that in the first step."""
+    """Cost of a contact at a time of a path; ten times that in the first step."""
     near: float = 30.0
-    """A person at the outline; falls to 0 at ..."""
+    """Cost of a person at the outline; falls to 0 at ..."""
     margin_m: float = 0.45
     growth_m_s: float = 0.1
     """... the margin, which grows with time for 1.5 s."""
     patience_s: float = 3.0
-    """Time without sight of the target after which being near people costs half: those who wait
-    for a robot that blocks a door give way when it comes."""
+    """Time without sight of the target after which proximity to people costs half: people who wait
+    for a robot that blocks a door give way when it approaches."""
     wall: float = 30.0
     wall_margin_m: float = 0.25
     fade_s: float = 1.2
-    """Time after which predictions count half."""
+    """Time after which costs of predictions count half."""
     place: float = 1.0
     place_m: float = 0.7
-    """An error of the place that costs this much; larger ones grow linearly."""
+    """Error of the place at which the cost is `place`; beyond it, the cost grows linearly."""
     far: float = 30.0
     far_m: float = 3.8
-    """Distance from the target from which its loss is feared."""
+    """Distance from the target beyond which `far` penalises the risk of losing it."""
     jerk: float = 0.8
     turn: float = 0.02
 
 
 class Ours:
-    """A follower that drives the cheapest of sampled ways, step by step."""
+    """A follower that drives the cheapest of sampled paths, step by step."""
 
     def __init__(self, weights: Weights = Weights()) -> None:  # noqa: B008  # immutable
         self._weights = weights
@@ -110,7 +110,7 @@ class Ours:
         return v0, w0
 
     def _people(self, view: View, ways: Ways) -> Floats:
-        """Return the cost of each way (n) of being near people, who walk straight on."""
+        """Return the cost of each path (n) for proximity to people, who walk straight on."""
         nearest = sorted((math.dist(person[:2], view.robot[:2]), person) for person in view.people)
         people = [person for distance, person in nearest[:MOST] if distance < NEAR_M]
         if view.target is not None:
@@ -118,7 +118,7 @@ class Ours:
         if not people:
             return np.zeros(len(ways.x))
         x, y, vx, vy = np.array(people).T
-        # the robot moves first, so its pose after a step meets people where they were before it
+        # the robot moves first: its pose after a step is compared with people before that step
         when = (TIMES - STEP_S)[:, None]
         dx, dy = x + when * vx - ways.x[..., None], y + when * vy - ways.y[..., None]
         c, s = ways.c[..., None], ways.s[..., None]
@@ -135,7 +135,7 @@ class Ours:
         return cost
 
     def _walls(self, walls: Walls, ways: Ways) -> Floats:
-        """Return the cost of each way (n) of being near what the scan meets besides people."""
+        """Return the cost of each path (n) for proximity to scan points that are not people."""
         if walls.table is None:
             return np.zeros(len(ways.x))
         gaps = np.full_like(ways.x, np.inf)
@@ -151,7 +151,7 @@ class Ours:
         return cost
 
     def _place(self, view: View, walls: Walls, ways: Ways) -> Floats:
-        """Return the cost of each way (n) of being off the place, and far from the target."""
+        """Return the cost of each path (n) for errors of place, and distance from the target."""
         target = self._target
         if target.last is None:
             return np.zeros(len(ways.x))
@@ -177,10 +177,10 @@ class Ours:
         return cost
 
     def _goals(self, walls: Walls) -> tuple[Floats, bool]:
-        """Return where to go at each time (STEPS, 2), and whether it is the seen target.
+        """Return the goal at each time (STEPS, 2), and whether it is the visible target.
 
-        Where a wall is on the way to an unseen target, its trail leads round the wall. At the
-        end of the trail, the robot looks at places that it can drive to.
+        If a wall is between the robot and an unseen target, the robot follows the target's trail
+        round the wall. At the end of the trail, the robot searches at guesses that it can reach.
         """
         target = self._target
         is_seen = not target.unseen_s
@@ -196,7 +196,7 @@ class Ours:
         return target.ahead(TIMES, int(free[0]) if len(free) else 0), False
 
     def _smoothness(self, view: View, ways: Ways) -> Floats:
-        """Return the cost of each way (n) of changing the acceleration, and of turning."""
+        """Return the cost of each path (n) for jerk and for turning."""
         (x, y), (last_x, last_y) = self._moved
         cost: Floats = self._weights.turn * (ways.w * ways.w).mean(axis=1)
         c, s = math.cos(view.robot.yaw), math.sin(view.robot.yaw)
@@ -213,12 +213,12 @@ class Ours:
 
 
 class Walls:
-    """Distances from what the scan meets besides people."""
+    """Distances from scan points that are not people."""
 
     def __init__(self, view: View) -> None:
         self._x, self._y = view.robot[:2]
         self.table: Floats | None = None
-        """Distance of each cell [m]; None if nothing is there."""
+        """Distance of each cell from the nearest wall [m]; None without walls."""
         things = _things(view)
         if len(things):
             free = np.ones((CELLS, CELLS), bool)
@@ -226,12 +226,12 @@ class Walls:
             self.table = (CELL_M * distance_transform_edt(free)).ravel()
 
     def distance(self, x: Floats, y: Floats) -> Floats:
-        """Return the distances [m] of places in the world from the nearest thing."""
+        """Return the distances [m] of positions in the world from the nearest wall."""
         assert self.table is not None
         return self.table.take(_cells(x - self._x) * CELLS + _cells(y - self._y))
 
     def is_free(self, places: Floats) -> npt.NDArray[np.bool_]:
-        """Return whether the robot fits between walls on straight ways to places (n, 2)."""
+        """Return whether the robot fits between walls on straight paths to positions (n, 2)."""
         share = np.linspace(0.0, 1.0, CHECKS)
         dx, dy = places[:, :1] - self._x, places[:, 1:] - self._y
         gaps = self.distance(self._x + share * dx, self._y + share * dy)
@@ -240,7 +240,7 @@ class Walls:
 
 
 def _things(view: View) -> Floats:
-    """Return the points of the scan (n, 2) [m] that are no visible person."""
+    """Return the points of the scan (n, 2) [m] that belong to no visible person."""
     things = points(view)
     people = [*view.people] + ([view.target] if view.target is not None else [])
     if not people or not len(things):

@@ -15,20 +15,20 @@ from mecazen_experiments.followbench.view import View
 SPEED_GAIN, TURN_GAIN = 1.0, 2.0
 """Gains of distance and bearing [1/s]."""
 NEAR_M = 0.3
-"""Nearer to its place than this, the robot turns to the heading of the place."""
+"""Distance to the goal below which the robot turns to the goal's heading."""
 MARGIN_M, REACTION_S = 0.2, 0.5
-"""Braking keeps this gap, and this time to a thing ahead."""
+"""Gap and time that braking keeps to an obstacle ahead."""
 
 
 class Proportional:
-    """A follower by a proportional law; it brakes for what is ahead, if so asked."""
+    """A follower with a proportional law; with `brakes` it slows down for obstacles ahead."""
 
     def __init__(self, *, brakes: bool) -> None:
         self._brakes = brakes
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Forget the last episode; nothing is drawn at random."""
+        """Forget the last episode; the planner has no random part."""
         self._chase = Chase()
 
     def command(self, view: View) -> tuple[float, float]:
@@ -48,7 +48,7 @@ class Proportional:
 
 
 def _free(view: View) -> float:
-    """Return how far the robot may drive straight ahead [m]."""
+    """Return the free distance straight ahead of the robot [m]."""
     places = points(view) - np.array(view.robot[:2])
     c, s = math.cos(view.robot.yaw), math.sin(view.robot.yaw)
     ahead, beside = c * places[:, 0] + s * places[:, 1], c * places[:, 1] - s * places[:, 0]

@@ -11,13 +11,14 @@ from mecazen_experiments.followbench.sight import ANGLES, RANGE
 from mecazen_experiments.followbench.view import View
 
 NOTHING_M = 0.01
-"""A beam that ends less than this before its range met nothing [m]."""
+"""A beam that ends less than this before the maximum range hit nothing [m]."""
 REACH_M, LEAST = 0.5, 3
-"""DBSCAN: the distance of neighbours [m], and their number that makes a core, itself included."""
+"""DBSCAN: the distance of neighbours [m], and the minimum number of neighbours of a core point,
+including itself."""
 
 
 def points(view: View) -> Floats:
-    """Return where beams met something, in the world (n, 2) [m]."""
+    """Return the points that beams hit, in the world (n, 2) [m]."""
     hit = view.ranges < RANGE - NOTHING_M
     angles, ranges = ANGLES[hit] + view.robot.yaw, view.ranges[hit]
     x, y = view.robot.x + ranges * np.cos(angles), view.robot.y + ranges * np.sin(angles)

@@ -1,10 +1,10 @@
 """The social-force follower of Follow-Bench: the reference whose results are published.
 
 A driving force towards the goal and exponential repulsions (Helbing & Molnár, Phys. Rev. E 51,
-1995) change the velocity of a point at the axle; a unicycle then turns into it. The formulas and
-parameters are those of Follow-Bench's planner, with two peculiarities that its results contain:
-clusters of the scan repel as obstacles although some are people, and the directions from them are
-divided by the norm of all directions together.
+1995) change the velocity of a point at the axle; a unicycle then turns into this velocity. The
+formulas and parameters are those of Follow-Bench's planner, including two peculiarities that affect
+its results. Clusters of the scan repel as obstacles although some are people. The direction vectors
+from clusters are divided by the norm of all vectors together.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from mecazen_experiments.followbench.planners.scan import center, clusters, poin
 from mecazen_experiments.followbench.view import View
 
 SPEED_M_S = 3.0
-"""Wanted and highest speed; the robot's own limit is 2 m/s."""
+"""Desired and maximum speed; the robot's own limit is 2 m/s."""
 GAIN = 1.3
 """Gain of the driving force [1/s]."""
 ARRIVED_M = 0.7
-"""Nearer to the goal than this, the wanted speed is 0."""
+"""Distance to the goal below which the desired speed is 0."""
 SAFE_M = 0.3
 PEOPLE, THINGS = (7.0, 0.5), (10.0, 0.5)
 """Strength [m/s²] and reach [m] of the repulsion by people and by clusters of the scan."""
 THINGS_M = 5.0
-"""Farther clusters do not repel."""
+"""Distance beyond which clusters do not repel."""
 TARGET_M = 0.5
 """A cluster nearer to the target than this is the target."""
 STILL_M = 0.05
-"""The robot stands at a goal nearer than this that has moved by less."""
+"""The robot stops if the distance to the goal and the goal's last motion are below this."""
 TURN_RAD_S, TURN_S, ALIGNED_RAD, SLOW_M_S = 2.0, 0.2, 0.1, 0.02
-"""Highest yaw rate, time in which to turn, angle that needs no turn, speed that counts as 0."""
+"""Maximum yaw rate, time of a turn, angle below which no turn is needed, speed that counts as 0."""
 
 
 class Social:
@@ -67,7 +67,7 @@ class Social:
         return unicycle(robot.yaw, scale * vx, scale * vy)
 
     def _push(self, view: View) -> tuple[float, float]:
-        """Return the repulsion [m/s²] by visible people and by clusters of the scan."""
+        """Return the repulsion [m/s²] from visible people and from clusters of the scan."""
         place = np.array(view.robot[:2])
         away = place - np.array([person[:2] for person in view.people]).reshape(-1, 2)
         ranges = np.hypot(away[:, 0], away[:, 1])
@@ -90,7 +90,7 @@ def _repulsion(away: Floats, ranges: Floats, strength: float, reach: float) -> t
 
 
 def unicycle(yaw: float, vx: float, vy: float) -> tuple[float, float]:
-    """Return speed and yaw rate that turn a unicycle into a velocity; it never backs up."""
+    """Return speed and yaw rate that turn a unicycle into a velocity, without backing up."""
     speed = math.hypot(vx, vy)
     if speed <= SLOW_M_S:
         return 0.0, 0.0

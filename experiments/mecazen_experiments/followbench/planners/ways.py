@@ -1,4 +1,4 @@
-"""Ways of a unicycle: sampled commands, and where they lead."""
+"""Paths of a unicycle: sampled commands and their rollouts."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from mecazen_experiments.followbench.unicycle import (
 )
 
 TIMES: Floats = np.array([0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3, 2.6])
-"""Times of a way's poses [s]: dense at first, where contacts are decided."""
+"""Times of a path's poses [s]: dense at first, when contacts are decided."""
 STEPS = len(TIMES)
 DT: Floats = np.diff(TIMES, prepend=0.0)
 SPEEDS = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
 TURNS = (-3.0, -1.5, -0.7, -0.3, 0.0, 0.3, 0.7, 1.5, 3.0)
 """Sampled speeds [m/s] and yaw rates [rad/s]."""
 SWITCHES_S = 0.5, 1.1
-"""Times at which a turn ends in two-phase ways."""
+"""Times at which a turn ends in two-phase paths."""
 KNOTS_S = np.array([0.1, 0.6, 1.4, 2.6])
-"""Times between which the noise about the last plan is linear."""
+"""Times of the knots of the noise around the last plan, which is linear between them."""
 NOISE = 0.5, 0.7
-"""Its standard deviations [m/s, rad/s] ..."""
+"""Standard deviations of the noise [m/s, rad/s] ..."""
 FINE = 0.3
-"""... of which every other sample has this part."""
+"""... and the factor on them for every other sample."""
 SAMPLES = 128
 
 
@@ -60,15 +60,15 @@ SUDDEN: tuple[Floats, Floats] = (
     np.repeat([-2.0, -1.0, 0.0, 1.0, 2.0], 5)[:, None] + np.zeros(STEPS),
     np.tile([-3.0, -1.5, 0.0, 1.5, 3.0], 5)[:, None] + np.zeros(STEPS),
 )
-"""Commands of an escape: at once, where the limits allow it."""
+"""Commands of an escape, which take effect at once if the limits allow it."""
 
 
 def sample(
     plan: tuple[Floats, Floats] | None, random: np.random.Generator
 ) -> tuple[Floats, Floats, int]:
-    """Return commands v and w (n, STEPS), and how many of them shall be reached gently.
+    """Return commands v and w (n, STEPS), and the number of commands to be reached gently.
 
-    The last plan, one step on, and others about it come after those that are always tried.
+    The fixed commands come first, then the last plan, shifted by one step, and samples around it.
     """
     v, w = [LIBRARY[0], SUDDEN[0]], [LIBRARY[1], SUDDEN[1]]
     if plan is not None:
@@ -86,15 +86,15 @@ def sample(
 def roll(
     start: Pose2D, now: tuple[float, float], commands: tuple[Floats, Floats], gentle: int
 ) -> Ways:
-    """Return where commands lead from a pose with a speed and a yaw rate.
+    """Return the paths of commands from a pose with a speed and a yaw rate.
 
-    The first `gentle` ones change both at the rate at which the robot speeds up, also to slow
-    down; the others as fast as its limits allow.
+    In the first `gentle` paths, speed and yaw rate change at most at the rate at which the robot
+    speeds up, even to slow down; in the others as fast as the robot's limits allow.
     """
     v = _reached(commands[0], now[0], MAX_V, ACCELERATION_V, gentle)
     w = _reached(commands[1], now[1], MAX_W, ACCELERATION_W, gentle)
     yaw = start.yaw + np.cumsum(w * DT, axis=1)
-    # the robot's Euler steps of 0.1 s lead along the headings before them
+    # each Euler step of 0.1 s of the robot follows the heading before the step
     along = yaw - w * ((DT + STEP_S) / 2.0)
     x = start.x + np.cumsum(v * DT * np.cos(along), axis=1)
     y = start.y + np.cumsum(v * DT * np.sin(along), axis=1)
@@ -102,13 +102,13 @@ def roll(
 
 
 def _reached(wanted: Floats, now: float, most: float, gain: float, gentle: int) -> Floats:
-    """Return what follows from wanted values (n, STEPS) within the limits."""
+    """Return the values (n, STEPS) that are reached within the limits for wanted values."""
     wanted = np.minimum(np.maximum(wanted, -most), most)
     reached = np.empty_like(wanted)
     last = np.full(len(wanted), now)
     for k, dt in enumerate(DT):
         up, down = last + gain * dt, last - gain * dt
-        # towards zero and beyond, the robot changes at once; so it does from rest
+        # towards and beyond zero, and from rest, the robot changes at once
         up[gentle:][last[gentle:] <= 0.0] = most
         down[gentle:][last[gentle:] >= 0.0] = -most
         last = np.minimum(np.maximum(wanted[:, k], down), up)

@@ -1,4 +1,4 @@
-"""Where the target is and will be, seen or unseen."""
+"""The target's present and future positions, seen or unseen."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from mecazen_experiments.followbench.unicycle import PERSON_RADIUS
 from mecazen_experiments.followbench.view import Seen, View
 
 SMOOTH_S, DRIFT_S, PACE_S = 0.5, 1.5, 3.0
-"""Time constants of the velocity, of the drift's direction and of its speed [s]; a target that
-gives way zigzags."""
+"""Time constants of the velocity, of the drift's direction and of the drift's speed [s]. The drift
+averages over the zigzag of a target that avoids others."""
 DRIFTS_S = 1.0
 """Time after which a guess follows the drift instead of the velocity [s]."""
 WALKING_M_S = 0.3
-"""Below this smoothed speed, the target keeps the heading of before."""
+"""Below this smoothed speed, the target keeps the previous heading."""
 SURE_M = 4.5
-"""A target nearer than this in the open would be seen."""
+"""Distance within which a target would be seen, without obstacles in between [m]."""
 REACHED_M = 1.2
-"""The robot has come to a place within this distance [m]."""
+"""Distance at which the robot has reached a point [m]."""
 APART_M, LONGEST = 0.3, 40
-"""Distance between the places of the trail [m], and their number."""
+"""Distance between the points of the trail [m], and their maximum number."""
 GUESSES = [
     (speed, turn)
     for turns in ((0.0,), (0.35, -0.35), (0.8, -0.8), (1.5, -1.5))
@@ -35,26 +35,26 @@ GUESSES = [
 
 
 class Whereabouts:
-    """The target's motion: measured while it is visible, guessed while it is not.
+    """The target's motion: measured while the target is visible, guessed while it is not.
 
-    A guess is dropped when the robot looks where the target should be, and sees no one.
+    A guess is dropped when the robot sees its position, but no target.
     """
 
     def __init__(self) -> None:
         self.last: Seen | None = None
         """The target when it was last visible."""
         self.heading = 0.0
-        """Direction of its walk [rad]."""
+        """Walking direction of the target [rad]."""
         self.unseen_s = 0.0
         self.trail: list[tuple[float, float]] = []
-        """Places of the target that the robot has not come to, the oldest first [m]."""
+        """Positions of the target that the robot has not reached yet, the oldest first [m]."""
         self._velocity: Floats = np.zeros(2)
         self._drift: Floats = np.zeros(2)
         self._pace = 0.0
         self._left = list(range(len(GUESSES)))
 
     def update(self, view: View) -> None:
-        """Take what the robot sees in a step."""
+        """Update with the robot's view in a step."""
         for number in reversed(range(len(self.trail))):
             if math.dist(self.trail[number], view.robot[:2]) < REACHED_M:
                 del self.trail[: number + 1]
@@ -81,25 +81,25 @@ class Whereabouts:
             self.heading = math.atan2(vy, vx)
 
     def ahead(self, times: Floats, guess: int = 0) -> Floats:
-        """Return where the target will be some times from now [s]: (times, 2) [m].
+        """Return the predicted positions of the target (times, 2) [m].
 
         Args:
-            times: The times [s].
-            guess: The number of the guess among those that are left, if it is unseen.
+            times: Times from now [s].
+            guess: Number of the guess among the remaining ones, if the target is unseen.
         """
         return self._walked(times + self.unseen_s, *GUESSES[self._left[guess]])
 
     def guesses(self) -> Floats:
-        """Return where the target may be (n, 2) [m], the likeliest place first."""
+        """Return the guessed positions of the target (n, 2) [m], the likeliest first."""
         speed, turn = np.array([GUESSES[number] for number in self._left]).T
         return self._walked(np.full(len(speed), self.unseen_s), speed, turn)
 
     def restart(self) -> None:
-        """Take back all guesses."""
+        """Restore all guesses."""
         self._left = list(range(len(GUESSES)))
 
     def _walked(self, when: Floats, speed: Floats | float, turn: Floats | float) -> Floats:
-        """Return places some times after the last sight: (times, 2) [m]."""
+        """Return positions at times `when` after the last sight: (times, 2) [m]."""
         assert self.last is not None
         first, later = np.minimum(when, DRIFTS_S), np.maximum(when - DRIFTS_S, 0.0)
         (vx, vy), (drift_x, drift_y) = self._velocity.tolist(), self._drift.tolist()
@@ -109,7 +109,7 @@ class Whereabouts:
         return np.stack((self.last.x + c * x - s * y, self.last.y + s * x + c * y), axis=1)
 
     def _drop(self, view: View) -> None:
-        """Drop guesses at places that the robot sees; start again when none is left."""
+        """Drop guesses at positions that the robot sees; restore all when none is left."""
         if self.last is None:
             return
         dx, dy = (self.guesses() - np.array(view.robot[:2])).T

@@ -18,15 +18,15 @@ from mecazen_experiments.followbench.unicycle import MAX_V, MAX_W
 from mecazen_experiments.followbench.view import View
 
 SPEEDS_M_S, TURNS_RAD_S = 0.01 * MAX_V, 0.01 * MAX_W
-"""Distance between sampled commands."""
+"""Spacing of sampled commands."""
 HEADING, OBSTACLE, SPEED = 3.0, 0.1, 1.0
 """Weights of the costs, each scaled to 0 … 1."""
 CLEARANCE_M = 0.445 + 0.6
-"""Radius of the robot and of an obstacle point together."""
+"""Sum of the radii of the robot and of an obstacle point."""
 TARGET_M = 0.5
 """A point nearer to the target than this is the target."""
 CREEP_M_S = 0.1
-"""Speed with which the robot turns where every command is blocked."""
+"""Speed at which the robot turns if every command is blocked."""
 STANDING_M_S = 0.01
 
 
@@ -66,7 +66,7 @@ class Window:
         return v, -MAX_W if stuck else w
 
     def _gap(self, view: View, x: Floats, y: Floats) -> Floats:
-        """Return how far the nearest obstacle is from a robot at places (n); inf if none is."""
+        """Return the gap to the nearest obstacle for a robot at positions (n); inf if none."""
         obstacles = points(view)
         last = self._chase.last
         if last is not None:
@@ -80,7 +80,7 @@ class Window:
 
 
 def _window(now: float, limit: float, distance: float) -> Floats:
-    """Return the commands within reach of a step, and those on the way to standing.
+    """Return the commands that are reachable in a step, and those between them and rest.
 
     The limits of acceleration in m/s² and rad/s² have the same numbers as those of the commands.
     """

@@ -1,9 +1,9 @@
 """Estimators of the person's pose and velocity in odom, from noisy observations.
 
-To add one: subclass `Estimator` with a name, by which scenarios select it.
+To add an estimator, subclass `Estimator` with a name. Scenarios select it by this name.
 """
 
-# imported, each registers itself
+# each module registers its estimators when it is imported
 from mecazen_follower.estimators import ctrv, imm, linear  # noqa: F401
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, make_estimator
 

@@ -1,4 +1,4 @@
-"""The abstract base of all estimators, their estimate, the registry, and the simplest of them."""
+"""The abstract base of all estimators, their estimate, the registry, and the simplest estimator."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ class Estimate(NamedTuple):
 class Estimator(ABC):
     """Tracks one person: `predict` at every tick, `update` with every observation.
 
-    A subclass is registered under its `name`; one without a name is a base class. `params` is
-    the struct of its parameters, which are numbers, unless `mecazen.config.estimators` has it.
+    A subclass is registered under its `name`; a subclass without a name is a base class. `params`
+    is the struct of its numeric parameters, unless `mecazen.config.estimators` defines the struct.
 
     Attributes:
-        nis: Normalised innovation squared of the last update, None before it. If the model is
-            right it is chi-square, with a degree of freedom per observed component.
+        nis: Normalised innovation squared of the last update, None before the first update. With a
+            correct model it is chi-square, with one degree of freedom per observed component.
     """
 
     registry: ClassVar[dict[str, type[Estimator]]] = {}
     predicts: ClassVar[bool] = True
-    """Whether its covariance grows with time, so that a gate can reject other people."""
+    """Whether the covariance grows with time, so that a gate can reject other people."""
 
     def __init_subclass__(cls, name: str | None = None, params: type[Params] = Params) -> None:
         if name is not None:

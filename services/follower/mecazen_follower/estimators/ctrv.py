@@ -21,9 +21,9 @@ from mecazen_follower.estimators.turn_rate import (
 )
 
 MAX_STEP_S = 0.1
-"""Longest step for the first-order approximations of motion, noise and mode changes."""
+"""Longest step [s] for the first-order approximations of motion, noise and mode changes."""
 MIN_POSITION_WALK = 0.001
-"""Random walk of the position [m] after 1 s besides sway and side steps."""
+"""Random walk of the position [m] after 1 s, in addition to sway and side steps."""
 MIN_FACTOR, MAX_FACTOR = 0.1, 1000.0
 """Bounds of `NoiseScale`: beyond them the filter ignores its prediction or its sensor."""
 

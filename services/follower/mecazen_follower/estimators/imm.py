@@ -15,7 +15,7 @@ NEARLY_ZERO = 0.02
 """Random walk [m/s² or rad/s²] of a speed or turn rate that a mode assumes to be 0."""
 
 SHARP_DEG, BLUNT_DEG = 5.0, 65.0
-"""Standard deviations of an observed heading; `AT_BLUNT` holds at the second."""
+"""Standard deviations of an observed heading: `AT_BLUNT` applies at `BLUNT_DEG`."""
 AT_BLUNT = {
     "standing_s": 3.0,
     "straight_acceleration_std_m_s2": 0.015,
@@ -40,10 +40,10 @@ DEFAULTS = ImmParams()
 def at_noise(params: ImmParams, yaw_std_deg: float) -> dict[str, float]:
     """Return parameters for a sensor with this standard deviation of the heading.
 
-    A mode can be told from another only over a time in which the noise averages out: a blunt
-    sensor needs modes that last longer and are disturbed less. Each parameter changes by the
-    factor by which its default does: from 1 at 5 degrees to that of `AT_BLUNT` at 65 degrees,
-    by a power of the standard deviation between.
+    Modes can be distinguished only over a time in which the noise averages out, so a noisy sensor
+    needs modes that last longer and are disturbed less. Each parameter is scaled by the factor that
+    takes its default to the value in `AT_BLUNT` at 65 degrees. The factor is 1 at 5 degrees and a
+    power of the standard deviation in between.
     """
     whole = math.log(BLUNT_DEG / SHARP_DEG)
     share = min(max(math.log(yaw_std_deg / SHARP_DEG) / whole, 0.0), 1.0)
@@ -57,9 +57,9 @@ def at_noise(params: ImmParams, yaw_std_deg: float) -> dict[str, float]:
 class ImmFilter(TurnRateEstimator, name="imm"):
     """An IMM of five modes: standing, straight, turning steadily, wandering, manoeuvring.
 
-    Manoeuvring is setting off, stopping and turning quickly; it takes over within a few frames.
-    Wandering is how real people walk. The other modes average over seconds. How long the modes
-    average follows the sensor's noise.
+    The manoeuvring mode covers setting off, stopping and quick turns; it takes over within a few
+    frames. The wandering mode is how real people walk. The other modes average over seconds. The
+    averaging times are set by the sensor's noise.
     """
 
     def __init__(self, params: ImmParams) -> None:
@@ -67,14 +67,14 @@ class ImmFilter(TurnRateEstimator, name="imm"):
         self._params = params
 
     def _begin(self, state: Array, covariance: Array) -> ModeBank:
-        """Return a filter that starts with the first observation, whose noise it is tuned to."""
+        """Return a filter that starts with the first observation and is tuned to its noise."""
         yaw_std_deg = math.degrees(math.sqrt(covariance[YAW, YAW]))
         modes = modes_of(ImmParams(**at_noise(self._params, yaw_std_deg)))
         return ModeBank(modes, state, covariance)
 
 
 def modes_of(p: ImmParams) -> tuple[Mode, ...]:
-    """Return the modes with these parameters, whatever the noise."""
+    """Return the modes with these parameters, without scaling by the noise."""
     steady = p.sway_m_sqrt_m, MIN_POSITION_WALK
     standing = *steady, p.standing_yaw_std_rad, NEARLY_ZERO, NEARLY_ZERO
     straight = *steady, p.straight_yaw_std_rad, p.straight_acceleration_std_m_s2, NEARLY_ZERO

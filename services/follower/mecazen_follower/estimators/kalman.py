@@ -21,7 +21,7 @@ class PortableFilter(KalmanFilter):  # type: ignore[misc]  # filterpy has no typ
     def predict(
         self, u: Array | None = None, B: Array | None = None, *, F: Array | None = None, Q: Array
     ) -> None:
-        """Propagate by x = F x + B u and P = F P Fᵀ + Q; F stays if it is not given."""
+        """Propagate by x = F x + B u and P = F P Fᵀ + Q; the default for F is `self.F`."""
         F = self.F if F is None else F
         self.x = product(F, self.x)
         if u is not None and B is not None:

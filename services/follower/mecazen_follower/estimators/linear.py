@@ -1,4 +1,4 @@
-"""Linear Kalman filters: constant velocity along the axes of odom, and the published one."""
+"""Linear Kalman filters: constant velocity along the axes of odom, and the paper's filter."""
 
 from __future__ import annotations
 
@@ -91,9 +91,9 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
 
     where Δx, Δy are "the displacement per unit time".
 
-    They cannot be taken literally: F X moves the person by yaw times Δ, so a person who walks
-    at yaw = 0 would stand still; and H X = x + y is a single number, from which x and y are not
-    observable.
+    The equations cannot be taken literally: F X moves the person by yaw times Δ, so a person who
+    walks at yaw = 0 would stand still; and H X = x + y is a single number, from which x and y are
+    not observable.
 
     Our interpretation: F is the homogeneous matrix of a translation and acts on (x, y, 1), that
     is x += Δx, y += Δy. This is a constant input, so the covariance grows by Q alone. H is the
@@ -101,9 +101,9 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
     H = [[1, 0, 0], [0, 1, 0]]. y_k observes X_k.
 
     Δ per second is the displacement between consecutive corrected estimates, exponentially
-    smoothed over `smoothing_s`. The filter does not correct the yaw. As the paper defines, it is
-    the direction of motion, that of Δ; below `min_speed_m_s` it is the observed yaw, smoothed
-    likewise. The yaw rate is zero (the third row of F).
+    smoothed over `smoothing_s`. The filter does not correct the yaw. As the paper defines, the yaw
+    is the direction of motion, that of Δ. Below `min_speed_m_s` it is the observed yaw, smoothed
+    over `smoothing_s`. The yaw rate is zero (the third row of F).
     """
 
     def __init__(self, params: DisplacementParams) -> None:
@@ -147,7 +147,7 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
             displacement[2] = 0.0
             self._velocity += weight * (displacement - self._velocity)
             kf.x[2] = self._yaw(float(kf.x[2]), observation.yaw, weight)
-        kf.P[2, 2] = noise[2, 2]  # the yaw is not filtered: its variance is that of one observation
+        kf.P[2, 2] = noise[2, 2]  # unfiltered yaw: the variance of one observation
         self._corrected = kf.x.copy()
         self._elapsed = 0.0
 
@@ -174,8 +174,8 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
 
 
 def kalman(state: Array, covariance: Array, H: Array) -> Any:
-    """Return a filter that starts with a state (n) and observes H (m, n) times it."""
-    # imported late: it takes a second, and every process reads the follower's configuration
+    """Return a filter that starts with a state (n) and observes H (m, n) times the state."""
+    # imported late: the import takes a second, and every process reads the follower's configuration
     from mecazen_follower.estimators.kalman import PortableFilter  # noqa: PLC0415
 
     kf = PortableFilter(dim_x=len(state), dim_z=len(H))

@@ -1,6 +1,6 @@
 """The interacting multiple model algorithm over Kalman filters of the state of `turn_rate`.
 
-x, y, a, v, w in names of numbers are position, heading, speed and turn rate of the state.
+In variable names, x, y, a, v, w are position, heading, speed and turn rate of the state.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class Mode(NamedTuple):
     walks: Walks
     """See `process_noise`."""
     moves: bool = True
-    """Whether the speed persists; else it is 0 plus its random walk."""
+    """Whether the speed persists; otherwise the speed is 0 plus its random walk."""
     turns: bool = True
-    """Whether the turn rate persists; else it is 0 plus its random walk."""
+    """Whether the turn rate persists; otherwise the turn rate is 0 plus its random walk."""
     mean_sojourn: float = 1.0
     """Mean sojourn time [s]; unused in a bank of one mode."""
     fading: float = 0.0
@@ -44,7 +44,7 @@ class Mode(NamedTuple):
 
 
 class Gaussian(NamedTuple):
-    """A state and its covariance, as `turn_rate` has them."""
+    """A state and its covariance, as `turn_rate` defines them."""
 
     state: State
     covariance: Triangle
@@ -57,7 +57,7 @@ class Combined(NamedTuple):
     covariance: Triangle
     walks: Walks
     fading: float
-    """Their mean."""
+    """Mean of the modes' fading rates [1/s]."""
 
 
 class ModeBank:
@@ -68,9 +68,9 @@ class ModeBank:
     an extended Kalman filter.
 
     Args:
-        modes: The modes; transitions from one to each other one are equally probable.
+        modes: The modes; the transitions from a mode to each other mode are equally probable.
         state: The initial state (5) of all modes.
-        covariance: Its covariance (5, 5).
+        covariance: Covariance (5, 5) of `state`.
     """
 
     def __init__(self, modes: tuple[Mode, ...], state: Array, covariance: Array) -> None:
@@ -100,7 +100,7 @@ class ModeBank:
 
     @property
     def covariance(self) -> Array:
-        """Its covariance (5, 5)."""
+        """The covariance (5, 5) of the mean state."""
         return matrix(self._combined().covariance)
 
     def _combined(self) -> Combined:
@@ -124,7 +124,7 @@ class ModeBank:
             p * min(rate * dt, limit)
             for p, rate in zip(self.probabilities, self._rates, strict=True)
         ]
-        # each mode gains the same mixture of all modes and loses its change to each of them
+        # each mode gains the same mixture of all modes and loses its change to each mode
         gained = math.fsum(change)
         joined = mixture([p / gained for p in change], self._filters) if gained > 0.0 else None
         probabilities, filters = [], []
@@ -169,7 +169,7 @@ class ModeBank:
 
 
 def _without_rates(mode: Mode, state: State, covariance: Triangle) -> Gaussian:
-    """Return a state with the speed and turn rate at 0 that the mode assumes to be 0."""
+    """Return a state in which the speed and turn rate are 0 if the mode assumes so."""
     if mode.moves and mode.turns:
         return Gaussian(state, covariance)
     v, w = float(mode.moves), float(mode.turns)
@@ -261,8 +261,8 @@ def correct(state: State, covariance: Triangle, observed: Sequence[float], R: Ro
     """Return the correction of a state by an observation (3) with the covariance R (3, 3).
 
     With P the covariance, H the observation matrix, S = H P Hᵀ + R and K = P Hᵀ S⁻¹, the
-    covariance becomes P - K H P. Its first three columns are P Hᵀ - K (S - R) = K R, a form
-    without a difference, which rounding could make negative after a poor prediction.
+    covariance becomes P - K H P. The first three columns of the new covariance are P Hᵀ - K (S - R)
+    = K R. This form has no difference, which rounding could make negative after a poor prediction.
 
     Raises:
         ValueError: S is not positive definite.

@@ -40,7 +40,7 @@ class Factors(NamedTuple):
     def inverse(self) -> tuple[Row, Row, Row]:
         """Return A⁻¹."""
         yx, zx, zy, (dx, dy, dz) = self
-        zx = zy * yx - zx  # of L⁻¹
+        zx = zy * yx - zx  # the entry of L⁻¹
         zz = 1.0 / dz
         xz, yz = zx * zz, -zy * zz
         yy, xy = 1.0 / dy - zy * yz, -yx / dy - zy * xz
@@ -51,7 +51,7 @@ def factors(matrix: Rows) -> Factors:
     """Return the factors of a symmetric matrix (3, 3); only the lower triangle is read.
 
     Raises:
-        ValueError: It is not positive definite.
+        ValueError: The matrix is not positive definite.
     """
     (xx, _, _), (yx, yy, _), (zx, zy, zz) = matrix
     if xx > 0.0:

@@ -39,9 +39,9 @@ SMALL_ANGLE = 1e-3
 
 
 def arc(state: State, dt: float) -> tuple[float, ...]:
-    """Return the displacement from `state` (5) in `dt` [s], and its derivatives.
+    """Return the displacement from `state` (5) in `dt` [s], and its partial derivatives.
 
-    They are x, y [m] and their derivatives by speed and turn rate: x_v, y_v, x_w, y_w. The
+    The result is x, y [m] and their derivatives by speed and turn rate: x_v, y_v, x_w, y_w. The
     derivative by the heading is (-y, x).
     """
     _, _, yaw, v, w = state
@@ -99,8 +99,8 @@ def process_noise(walks: Walks, state: Array, dt: float) -> Array:
     Args:
         walks: Standard deviations of the random walks of the position (isotropic) after 1 m
             walked, and of position, heading, speed and turn rate after 1 s.
-        state: The state (5) at which they start.
-        dt: Time [s]; the result is of first order in it.
+        state: The state (5) at which the random walks start.
+        dt: Time [s]; the result is a first-order approximation in `dt`.
     """
     xx, xy, xv, yy, yv, aa, aw, vv, ww = noise(walks, tuple(state.tolist()), dt)
     return matrix((xx, xy, 0.0, xv, 0.0, yy, 0.0, yv, 0.0, aa, 0.0, aw, vv, 0.0, ww))
@@ -124,13 +124,13 @@ def propagate(
     """Return a state and its covariance P after `dt` [s]: `move`, and F P Fᵀ + Q.
 
     F is the `jacobian`, whose ones and zeros are not multiplied here, and Q the `process_noise`.
-    After the motion the turn rate has decayed by exp(-fading dt): with `fading` [1/s] above 0 it
-    returns to 0 unless it is disturbed, an Ornstein-Uhlenbeck process.
+    After the motion the turn rate has decayed by exp(-fading dt). With `fading` [1/s] above 0 the
+    turn rate is an Ornstein-Uhlenbeck process, which returns to 0 unless it is disturbed.
     """
     x, y, yaw, v, w = state
     xx, xy, xa, xv, xw, yy, ya, yv, yw, aa, av, aw, vv, vw, ww = covariance
     dx, dy, x_v, y_v, x_w, y_w = arc(state, dt)
-    # the rows of F P that differ from P: x, y and a, the heading
+    # the rows of F P that differ from P: x, y and a (heading)
     fxx = xx - dy * xa + x_v * xv + x_w * xw
     fxy = xy - dy * ya + x_v * yv + x_w * yw
     fxa = xa - dy * aa + x_v * av + x_w * aw

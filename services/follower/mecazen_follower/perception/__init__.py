@@ -1,1 +1,1 @@
-"""Perception: from what sensors see to where persons are."""
+"""Perception: from sensor data to poses of persons."""

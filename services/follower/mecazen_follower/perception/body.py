@@ -1,4 +1,4 @@
-"""From the joints of a body to where a person is and which way they face."""
+"""From the joints of a body to the person's position and heading."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ SWAY_STD_M = 0.015
 TWIST_STD_RAD = math.radians(4.0)
 """Twist of pelvis and shoulders about the walking direction: once a stride, in opposition."""
 LEAST_STD_M = 1e-4
-"""A tracker that says it has no error has one of its resolution."""
+"""Minimum standard deviation: a tracker that reports no error still has its resolution [m]."""
 PLACE_CORRELATED, HEADING_CORRELATED = 25.0, 25.0
-"""So much the variance is larger than that of one frame: most of a tracker's error lasts for
-many, while the filter takes each for a new one. Found by the NEES of the U-track."""
+"""Factors on the variances of one frame: most of a tracker's error persists for many frames, but
+the filter assumes independent errors. The factors were tuned by the NEES of the U-track."""
 
 
 def pose_of(body: Skeleton) -> tuple[Pose2D, PlanarCovariance] | None:
     """Return the pose of a person in the frame of a skeleton, and its covariance.
 
-    The trunk's joints stand above each other, at the person's place. The lines through hips and
-    shoulders are at right angles to the heading; each counts by the inverse of its variance.
+    The trunk's joints are above each other, at the person's position. The lines through hips and
+    shoulders are at right angles to the heading; each line is weighted by its inverse variance.
     Without a line the heading's variance is `NO_HEADING`.
 
     Returns:
-        None where no joint of the trunk is in view.
+        None if no joint of the trunk is in view.
     """
     seen = [at for at in _TRUNK if body.confidence[at]]
     if not seen:
@@ -60,7 +60,7 @@ def _heading(body: Skeleton) -> tuple[float, float]:
         length = math.hypot(dx, dy)
         across = body.std[one] ** 2 + body.std[other] ** 2
         if length * length <= across:
-            continue  # as good as none
+            continue  # too short for a direction
         weight = 1.0 / (HEADING_CORRELATED * across / length**2 + TWIST_STD_RAD**2)
         ahead, left = ahead + weight * dy / length, left - weight * dx / length
         total += weight

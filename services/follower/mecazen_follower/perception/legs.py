@@ -1,4 +1,4 @@
-"""From a lidar's scan to persons: where legs are, and which two belong together."""
+"""From a lidar scan to persons: detects legs and pairs them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ GAP_M = 0.13
 """Neighbouring points that are farther apart belong to different things; as in K. O. Arras et al.,
 Using boosted features for the detection of people in 2D range data, ICRA 2007."""
 LEAST_POINTS, LEAST_M = 3, 0.03
-"""Least number of points on a leg, and its least width."""
+"""Minimum number of points on a leg, and its minimum width [m]."""
 DEPTH_M = 0.035
-"""From the mean of the points on a shank to its axis."""
+"""Distance from the mean of the points on a shank to its axis [m]."""
 PAIR_STD_M, SINGLE_STD_M = 0.07, 0.15
-"""Deviation of the middle of two legs, and of one leg, from the person's place, due to gait."""
+"""Standard deviations of a pair of legs, and of one leg, from the person, due to gait [m]."""
 
 
 def things_of(scan: LaserScan) -> Things:
@@ -30,9 +30,9 @@ def things_of(scan: LaserScan) -> Things:
 
 
 def persons(things: Things) -> list[tuple[Pose2D, PlanarCovariance]]:
-    """Return where persons may be, in the lidar's frame, and the covariances.
+    """Return poses of possible persons in the lidar's frame, and their covariances.
 
-    Everything as wide as a leg is taken for one: which of them is the person, their motion shows.
+    Everything as wide as a leg is taken for a leg. The tracker identifies the person by motion.
     The heading is unknown: its variance is `NO_HEADING`.
     """
     away = np.sqrt(np.sum(things.middle**2, axis=-1))

@@ -1,4 +1,4 @@
-"""The nodes of perception: what sensors see becomes observations of persons."""
+"""The nodes of perception: from sensor data to observations of persons."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from mecazen_follower.perception.legs import persons, things_of
 
 
 class Body(Node):
-    """Finds position and heading of persons from the joints that are seen."""
+    """Finds position and heading of persons from the visible joints."""
 
     ROW = TABLE["body"]
 
     def reset(self, seed: int) -> None:
-        """Do nothing: each frame stands for itself."""
+        """Do nothing: frames are independent."""
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return all persons whose trunk is in view."""
@@ -53,10 +53,10 @@ class Legs(Node):
         self.lidar = Pose2D(x, y)
 
     def reset(self, seed: int) -> None:
-        """Do nothing: each scan stands for itself."""
+        """Do nothing: scans are independent."""
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return where persons may be, in base_link."""
+        """Return poses of possible persons in base_link."""
         del tick
         scan = inputs[SCAN]
         found = [

@@ -1,1 +1,1 @@
-"""Plans the robot's way round obstacles and people: pure, numbers in, numbers out."""
+"""Plans the robot's path round obstacles and people, without I/O."""

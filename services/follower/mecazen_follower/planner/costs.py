@@ -1,4 +1,4 @@
-"""Costs of ways: deviations from the place beside the person, and proximity to things."""
+"""Costs of paths: deviations from the place beside the person, and proximity to obstacles."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from mecazen_follower.planner.field import Field, Shadows
 from mecazen_follower.planner.rollout import Rollout
 
 FACTOR = 3.0
-"""Weight of a priority over that of the next one."""
+"""Ratio of a priority's weight to the weight of the next priority."""
 DISTANCE_M = 0.5
-"""An error of the distance that costs as much as not to see the person."""
+"""Distance error that costs as much as not seeing the person, at equal weights [m]."""
 NEAR, TOUCHING = 400.0, 1e5
-"""Costs of being near something, and of touching it: above all that may be given up."""
+"""Costs of being near an obstacle, and of touching it: higher than those of all priorities."""
 JERKY = 0.4
-"""Cost of a squared change of the velocities [m/s, rad/s] from a step to the next."""
+"""Cost of a squared change of the velocities [m/s, rad/s] from one step to the next."""
 
 
 class Sight(NamedTuple):
@@ -41,15 +41,15 @@ class Extents(NamedTuple):
 
     @property
     def disc(self) -> float:
-        """The radius of a disc about a quarter of the robot [m]."""
+        """The radius of the disc that encloses a quarter of the robot [m]."""
         return math.hypot(self.length, self.width) / 2
 
 
 class Situation(NamedTuple):
-    """Surroundings of the robot, from its place on.
+    """Surroundings of the robot, relative to its position.
 
-    `person` and `goals` (steps, 3) have x, y and yaw, `movers` (steps, n, 2) and `standing` (n, 2)
-    places.
+    `person` and `goals` (steps, 3) contain x, y and yaw. `movers` (steps, n, 2) and `standing` (n,
+    2) contain positions.
     """
 
     person: Floats
@@ -60,7 +60,7 @@ class Situation(NamedTuple):
 
 
 class Costs:
-    """Costs of ways by these weights."""
+    """Costs of paths, weighted by priority."""
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class Costs:
         self._body, self._sight = body, sight
 
     def of(self, ways: Rollout, scene: Situation) -> Array:
-        """Return the mean cost of a step of each way (n); the last steps count three times."""
+        """Return the mean cost per step of each path (n); weights rise from 0.5 to 1.5."""
         kind = ways.x.dtype
         person, goals = scene.person.astype(kind), scene.goals.astype(kind)
         x, y = ways.x - person[:, :1], ways.y - person[:, 1:2]
@@ -92,7 +92,7 @@ class Costs:
         cost += weights["heading"] * 2.0 * (1.0 - ways.c * c - ways.s * s)
         cost += weights["visibility"] * self.unseen(ways, scene, x, y, distance).astype(kind)
         cost += self._near(self.clearance(ways, scene))
-        # the person is no obstacle as far as the standoff asks for it
+        # at the standoff, the person does not count as an obstacle
         least = self._body.person + math.hypot(self._body.length, self._body.width)
         cost += self._near(distance - least, min(self._clearance, self._standoff - least))
         steps = np.linspace(0.5, 1.5, len(x), dtype=kind)[:, None]
@@ -103,7 +103,7 @@ class Costs:
     def unseen(
         self, ways: Rollout, scene: Situation, x: Array, y: Array, distance: Array
     ) -> npt.NDArray[np.bool_]:
-        """Return where the person is not seen from offsets from them (steps, n)."""
+        """Return whether the person is unseen from positions relative to the person (steps, n)."""
         hidden = scene.shadows.hide(x, y, distance) | (distance > self._sight.max_range)
         if self._sight.half_fov < math.pi:
             c, s = math.cos(self._sight.yaw), math.sin(self._sight.yaw)
@@ -112,14 +112,14 @@ class Costs:
         return hidden
 
     def clearance(self, ways: Rollout, scene: Situation) -> Array:
-        """Return how far obstacles and walkers are from the robot (steps, n)."""
+        """Return the distance from the robot to the nearest obstacle or walker (steps, n)."""
         least: Array = np.full_like(ways.x, np.inf)
         disc = self._body.disc
         low, high = np.array((ways.x.min(), ways.y.min())), np.array((ways.x.max(), ways.y.max()))
         field = Field(scene.standing, low - disc, high + disc)
         c, s = ways.c * (self._body.length / 2), ways.s * (self._body.length / 2)
         across_c, across_s = ways.c * (self._body.width / 2), ways.s * (self._body.width / 2)
-        # four discs, each about a quarter of the robot
+        # four discs, each enclosing a quarter of the robot
         for dx, dy in ((c - across_s, s + across_c), (c + across_s, s - across_c)):
             np.minimum(least, field.distance(ways.x + dx, ways.y + dy), out=least)
             np.minimum(least, field.distance(ways.x - dx, ways.y - dy), out=least)

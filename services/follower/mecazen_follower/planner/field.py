@@ -1,4 +1,4 @@
-"""How far obstacles are, and from where they hide the person: tables to look up."""
+"""Lookup tables of the distance to obstacles, and of the regions that they hide from the person."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from mecazen.geometry_batch import Floats
 
 CELL_M = 0.06
 CELLS = 110
-"""Along each side of the table: 3.3 m to each side of the robot."""
+"""Number of cells along each side of the table: 3.3 m to each side of the robot."""
 BINS = 90
 """Directions about the person, of 2.5° to 5° each."""
 MOST_BINS = 12
-"""An obstacle covers no more of them."""
+"""Maximum number of bins that an obstacle covers."""
 
 
 class Field:
-    """The distances from `points` (n, 2) [m], about the origin; beyond the table as at its edge.
+    """The distances from `points` (n, 2) [m] around the origin; constant beyond the table's edge.
 
-    Only its part between two corners is made, `low` and `high` (2) [m].
+    Only the part of the table between the corners `low` and `high` (2) [m] is computed.
     """
 
     def __init__(self, points: Floats, low: Floats, high: Floats) -> None:
@@ -35,7 +35,7 @@ class Field:
         self._width, self._first = len(y), left * len(y) + below
 
     def distance(self, x: Array, y: Array) -> Array:
-        """Return the distances at places of any shape, to half a cell's diagonal."""
+        """Return the distances at positions of any shape, accurate to half a cell's diagonal."""
         cells = _cells(x) * self._width
         cells += _cells(y)
         cells -= self._first
@@ -52,8 +52,8 @@ def _cells(values: Array) -> npt.NDArray[np.int32]:
 def _bins(x: Array, y: Array) -> npt.NDArray[np.int32]:
     """Return the bin of each direction.
 
-    They divide the sum of both coordinates evenly, instead of the angle: arctan2 takes as long as
-    all else together.
+    The bins divide y / (|x| + |y|) evenly instead of the angle: arctan2 would take as long as all
+    the rest together.
     """
     along = y / np.maximum(np.abs(x) + np.abs(y), 1e-9)
     along = np.where(x < 0.0, 3.0 - along, 1.0 + along)
@@ -62,12 +62,12 @@ def _bins(x: Array, y: Array) -> npt.NDArray[np.int32]:
 
 
 class Shadows:
-    """From where the person can't be seen, at each step.
+    """Regions from which the person can't be seen, at each step.
 
     Args:
-        person: Their places (steps, 2).
-        points: Points that hide them (steps, n, 2).
-        radius: Half the width of each of the n [m].
+        person: The person's positions (steps, 2).
+        points: Points that hide the person (steps, n, 2).
+        radius: Half the width of each point (n) [m].
     """
 
     def __init__(self, person: Floats, points: Floats, radius: Floats) -> None:
@@ -76,7 +76,7 @@ class Shadows:
         offsets = points - person[:, None]
         ranges = np.hypot(offsets[..., 0], offsets[..., 1])
         x, y = offsets[..., 0], offsets[..., 1]
-        # an obstacle covers its direction, less and plus the half angle with this sine and cosine
+        # an obstacle covers its direction ± the half angle with this sine and cosine
         sine = np.minimum(radius / np.maximum(ranges, 1e-6), 1.0)
         cosine = np.sqrt(1.0 - sine * sine)
         first, last = (_bins(x * cosine + y * s, y * cosine - x * s) for s in (sine, -sine))

@@ -1,4 +1,4 @@
-"""The polar law over several goals at a time: what MPPI samples about."""
+"""The polar law for several goals at a time: the nominal commands around which MPPI samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mecazen_follower.planner.rollout import Command
 class Goals(NamedTuple):
     """Goal poses (steps, 3, modes), and their velocities along odom's axes (steps, 3, modes).
 
-    `turn` (modes) is the yaw rate with which a goal turns about the person.
+    `turn` (modes) is the yaw rate at which a goal orbits the person.
     """
 
     poses: Floats
@@ -25,9 +25,9 @@ class Goals(NamedTuple):
 
 
 def towards(person: Floats, goals: Goals, law: PolarControl) -> Command:
-    """Return the law of polar.py without its care for the wheels: `MotionLimits` sees to these.
+    """Return the law of polar.py without wheel limits, which `MotionLimits` applies.
 
-    `person` (steps, 3) is where the person will be.
+    `person` (steps, 3) contains the person's predicted poses.
     """
     n, linear_braking = goals.poses.shape[-1], law.linear_braking_m_s2
     gain, twice_braking = (
@@ -39,7 +39,7 @@ def towards(person: Floats, goals: Goals, law: PolarControl) -> Command:
     )
     reaches = goals.poses[:, :2] - person[:, :2, None]
     lengths = np.hypot(reaches[:, 0], reaches[:, 1])
-    # with the person, without the goal's turn about them: that is for the robot's distance
+    # velocity of the person only; the turn about the person is added at the robot's distance
     turned = goals.turn * reaches
     along_x, along_y = goals.velocities[:, 0] + turned[:, 1], goals.velocities[:, 1] - turned[:, 0]
 

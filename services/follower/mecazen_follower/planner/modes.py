@@ -1,4 +1,4 @@
-"""Nominal ways: places about the person, the person's own trail, and to stay."""
+"""Goals of nominal paths: places around the person, the person's trail, and staying."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.law import Goals
 
 TRAIL_M = 0.1
-"""From one point of the trail to the next."""
+"""Spacing of the trail's points [m]."""
 ASIDE = math.radians(45.0)
-"""Between the place to keep and the next ones that are tried."""
+"""Angle about the person between the place to keep and its neighbours [rad]."""
 ALIKE = math.radians(5.0)
-"""Places that differ by less are one."""
+"""Places whose bearings differ by less than this are the same [rad]."""
 
 
 class Prediction(NamedTuple):
-    """The person after each step: poses and velocities (steps, 3), from the robot's place on."""
+    """The person after each step: poses and velocities (steps, 3); the origin is the robot."""
 
     poses: Floats
     velocities: Floats
 
     @classmethod
     def of(cls, person: Estimate, robot: Pose2D, steps: int, dt: float) -> Prediction:
-        """Return what the estimator predicts; the axes are those of odom."""
+        """Return the estimator's prediction; the axes are those of odom."""
         later = [person.after(dt * (k + 1)) for k in range(steps)]
         poses = np.array([one.pose for one in later])
         poses[:, :2] -= robot[:2]
@@ -38,13 +38,13 @@ class Prediction(NamedTuple):
 
 
 class Trail:
-    """Where the person has walked, as far back as the robot may be."""
+    """The person's past positions, up to the standoff plus 3 m back."""
 
     def __init__(self) -> None:
         self._points: deque[tuple[float, float]] = deque()
 
     def add(self, person: Pose2D, standoff: float) -> None:
-        """Note where the person is, in odom; `standoff` [m] is the distance to keep."""
+        """Add the person's position, in odom; `standoff` [m] is the distance to keep."""
         here = person.x, person.y
         if not self._points or math.dist(self._points[-1], here) >= TRAIL_M:
             self._points.append(here)
@@ -52,15 +52,15 @@ class Trail:
             self._points.popleft()
 
     def points(self, robot: Pose2D) -> Floats:
-        """Return the trail (n, 2), oldest first, from the robot's place on."""
+        """Return the trail (n, 2), oldest first, relative to the robot's position."""
         points: Floats = np.array(self._points).reshape(-1, 2) - robot[:2]
         return points
 
 
 def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> Goals:
-    """Return the modes: the place to keep, others about the person, the trail, and to stay.
+    """Return the modes: the place to keep, others around the person, the trail, and staying.
 
-    All but the first are turned about the person so that the robot sees them as it does there.
+    In all modes the robot sees the person at the same angle as from the place to keep.
     """
     behind, mirrored = wrap(math.pi - standoff.bearing), wrap(-2.0 * standoff.bearing)
     turns = [0.0]
@@ -69,7 +69,7 @@ def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> Goals:
             turns.append(turn)
     steps, modes = len(person.poses), len(turns) + 2
     poses, velocities = np.zeros((steps, 3, modes)), np.zeros((steps, 3, modes))
-    facing = standoff.heading - standoff.bearing  # heading, from the direction person to robot
+    facing = standoff.heading - standoff.bearing  # relative to person→robot
     direction = person.poses[:, 2:] + (standoff.bearing + np.array(turns))
     reach = standoff.distance * np.stack((np.cos(direction), np.sin(direction)), axis=1)
     poses[:, :2, :-2] = person.poses[:, :2, None] + reach
@@ -79,7 +79,7 @@ def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> Goals:
     velocities[:, 1, :-2] = person.velocities[:, 1:2] + yaw_rate * reach[:, 0]
     velocities[:, 2, :-2] = yaw_rate
 
-    # the trail; and to stay, at the origin
+    # the trail; and staying, at the origin
     poses[:, :2, -2], velocities[:, :2, -2] = _along(trail, person, standoff.distance)
     off = poses[:, :2, -2:] - person.poses[:, :2, None]
     poses[:, 2, -2:] = arctan2(off[:, 1], off[:, 0]) + facing
@@ -89,7 +89,7 @@ def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> Goals:
 
 
 def _along(trail: Floats, person: Prediction, distance: float) -> tuple[Floats, Floats]:
-    """Return places a distance behind the person along their way, and the velocities there."""
+    """Return points at a distance behind the person along the path, and their velocities."""
     way = np.concatenate((trail, person.poses[:, :2]))
     lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))))
     speeds = np.hypot(person.velocities[:, 0], person.velocities[:, 1])

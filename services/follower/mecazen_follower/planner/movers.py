@@ -1,4 +1,4 @@
-"""People who walk about, from where legs are scan by scan: an alpha-beta filter for each."""
+"""Walking people, tracked from leg detections by one alpha-beta filter each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from mecazen.geometry_batch import Floats
 
 ALPHA, BETA = 0.5, 0.15
-"""Gains of place and velocity: legs swing about the person by as much as PAIR_STD_M."""
+"""Gains of position and velocity: legs swing about the person by PAIR_STD_M."""
 GATE_M = 0.5
 """A detection farther from the predicted place belongs to another person."""
 FORGET_S = 0.5
@@ -18,11 +18,11 @@ FORGET_S = 0.5
 SCANS = 5
 """Minimum number of detections; fewer may be an edge that comes into view."""
 SLOWEST_M_S, FASTEST_M_S = 0.3, 2.5
-"""Slower tracks stand; faster tracks are no persons."""
+"""Slower tracks are standing; faster tracks are not persons [m/s]."""
 
 
 class Mover(NamedTuple):
-    """Somebody's place [m] and velocity [m/s] in odom, the time of it and how often seen."""
+    """A track: position [m] and velocity [m/s] in odom, their time [s], number of detections."""
 
     x: float
     y: float
@@ -33,15 +33,15 @@ class Mover(NamedTuple):
 
     @property
     def walks(self) -> bool:
-        """Whether it is sure enough that they walk."""
+        """Whether the track is confirmed as a walking person."""
         return self.scans >= SCANS and SLOWEST_M_S <= math.hypot(self.vx, self.vy) <= FASTEST_M_S
 
     def at(self, time: float) -> tuple[float, float]:
-        """Return where they are at a time [s]: constant velocity."""
+        """Return the predicted position at a time [s], at constant velocity."""
         return self.x + self.vx * (time - self.time), self.y + self.vy * (time - self.time)
 
     def seen(self, time: float, x: float, y: float) -> Mover:
-        """Return the track, corrected by a place at which they were seen."""
+        """Return the track, corrected by a detection."""
         px, py = self.at(time)
         gain = BETA / max(time - self.time, 1e-3)
         return Mover(
@@ -61,7 +61,7 @@ class Movers:
         self.tracks: list[Mover] = []
 
     def update(self, time: float, places: Sequence[tuple[float, float]]) -> None:
-        """Take where legs are at `time` [s]; the nearest pairs belong together."""
+        """Update with the legs' positions at `time` [s]; the nearest pairs are matched."""
         pairs = sorted(
             (math.dist(track.at(time), place), i, j)
             for i, track in enumerate(self.tracks)
@@ -76,12 +76,12 @@ class Movers:
         self.tracks = known + unseen + [Mover(x, y, 0.0, 0.0, time) for x, y in left.values()]
 
     def places(self, time: float) -> Floats:
-        """Return where those are who walk (n, 2)."""
+        """Return the positions of walking people (n, 2)."""
         places: Floats = self.ahead(np.array([time]))[0]
         return places
 
     def ahead(self, times: Floats) -> Floats:
-        """Return where those who walk will be (times, n, 2)."""
+        """Return the predicted positions of walking people (times, n, 2)."""
         walking = [track for track in self.tracks if track.walks]
         state = np.array([track[:5] for track in walking]).reshape(-1, 5)
         ahead: Floats = state[:, :2] + (times[:, None, None] - state[:, 4:]) * state[:, 2:4]

@@ -1,8 +1,9 @@
 """Model predictive path integral control: the mean of random commands, weighted by their costs.
 
 Williams, Aldrich & Theodorou, Model predictive path integral control: from theory to parallel
-computation, J. Guid. Control Dyn. 40(2), 2017. Here each of several nominal ways is sampled for
-itself, as a mean of ways on both sides of a pillar leads into it, and the cheapest one is taken.
+computation, J. Guid. Control Dyn. 40(2), 2017. Here each of several nominal paths is sampled
+separately, since a mean of paths on both sides of a pillar leads into the pillar. The cheapest path
+is taken.
 """
 
 from __future__ import annotations
@@ -19,37 +20,37 @@ from mecazen_follower.planner.rollout import Rollout
 
 STEPS = 20
 KNOTS = 6
-"""The noise is piecewise linear between as many random values."""
+"""Number of random values; the noise is piecewise linear between them."""
 NOISE = 0.5, 0.5, 0.8
-"""Its standard deviations [m/s, m/s, rad/s]."""
+"""Standard deviations of the noise [m/s, m/s, rad/s]."""
 FINE = 0.25
-"""Every other sample has so much of it."""
+"""Factor on the noise of every other sample."""
 TEMPERATURE = 0.5
 """Difference of costs by which a sample's weight falls to 1/e."""
 
 LOYALTY = 0.5
-"""A way must be cheaper by this to take the place of the last one."""
+"""A path must be cheaper by this cost to replace the last plan."""
 
 
 class Problem(NamedTuple):
-    """The problem for which the search finds a way."""
+    """The problem for which the search finds a path."""
 
     nominal: Array
     """Commands of each mode (STEPS, 3, modes)."""
     roll: Callable[[Array], Rollout]
-    """Where commands (STEPS, 3, n) lead."""
+    """Returns the rollout of commands (STEPS, 3, n)."""
     cost: Callable[[Rollout], Array]
-    """Costs of ways (n)."""
+    """Returns the costs of paths (n)."""
     loyal: bool
-    """Whether the last mode is the last plan, to be kept to."""
+    """Whether the last mode is the last plan, which gets the bonus `LOYALTY`."""
 
 
 Search = Callable[[Problem], tuple[Rollout, Array]]
-"""A search for ways: returns ways (n) and their costs."""
+"""A search for paths: returns paths (n) and their costs."""
 
 
 class Mppi:
-    """Samples about nominal commands with the same seeded noise at each plan."""
+    """Samples around nominal commands, with the same seeded noise at each plan."""
 
     def __init__(self, samples: int, seed: int) -> None:
         random = np.random.Generator(np.random.PCG64(seed))
@@ -62,7 +63,7 @@ class Mppi:
         self._noise = noise.astype(np.float32)
 
     def plan(self, problem: Problem) -> tuple[Rollout, Array]:
-        """Return each nominal way and the best one of each mode, and their costs."""
+        """Return each nominal path and the weighted mean path of each mode, and their costs."""
         nominal, roll, cost, loyal = problem
         modes, samples = nominal.shape[-1], self._noise.shape[-1]
         ends = np.arange(modes + 1) * samples // modes

@@ -16,19 +16,19 @@ from mecazen_follower.perception.legs import persons, things_of
 from mecazen_follower.planner.movers import Movers
 
 VOXEL_M = 0.1
-"""One point is kept of each square of this width."""
+"""One point is kept per square of this width [m]."""
 MOST_POINTS = 60
-"""The nearest ones count."""
+"""Maximum number of points; the nearest are kept."""
 MEMORY_S = 1.5
 """Time for which a hidden point is remembered [s]."""
 BEHIND_M = 0.15
-"""A point is hidden by what is nearer by at least this."""
+"""A point is hidden by anything that is nearer by at least this distance [m]."""
 OWN_M = 0.5
-"""Legs are not farther from whom they carry: half a stride."""
+"""Maximum distance of a leg from its person: half a stride [m]."""
 
 
 class Surroundings:
-    """Everything that the lidar sees, but for the person whom the robot follows, in odom."""
+    """Everything that the lidar sees except the followed person, in odom."""
 
     def __init__(self) -> None:
         self.movers = Movers()
@@ -36,7 +36,7 @@ class Surroundings:
         self._times: Floats = np.empty(0)
 
     def see(self, time: float, scan: LaserScan, lidar: Pose2D, person: Pose2D) -> None:
-        """Take a scan that was captured at `time` [s] with the lidar at a pose in odom."""
+        """Update with a scan that was captured at `time` [s] with the lidar at a pose in odom."""
         things = things_of(scan)
         found = [lidar.compose(pose) for pose, _ in persons(things)]
         others = [(one.x, one.y) for one in found if one.distance(person) > OWN_M]
@@ -50,7 +50,7 @@ class Surroundings:
         self._times = np.concatenate((self._times[hidden], np.full(len(standing), time)))
 
     def standing(self, robot: Pose2D) -> Floats:
-        """Return the places of what stands (n, 2), the nearest ones, thinned out, in odom."""
+        """Return the points that stand still (n, 2) in odom: the nearest, thinned out."""
         offsets = self._points - robot[:2]
         order = np.argsort(np.einsum("ij,ij->i", offsets, offsets), kind="stable")
         near = self._points[order]
@@ -60,7 +60,7 @@ class Surroundings:
         return kept
 
     def _hidden(self, scan: LaserScan, lidar: Pose2D) -> npt.NDArray[np.bool_]:
-        """Return which known points this scan could not see: no others are remembered."""
+        """Return which known points are hidden in this scan; only these are remembered."""
         offsets = self._points - lidar[:2]
         away = np.hypot(offsets[:, 0], offsets[:, 1])
         angles = arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min
@@ -75,7 +75,7 @@ class Surroundings:
 
 
 def _of_walkers(things: Things, walkers: Floats) -> npt.NDArray[np.bool_]:
-    """Return which points are legs: of things no wider than two, beside a person who walks."""
+    """Return which points are legs: in clusters no wider than two legs, beside a walking person."""
     off = things.middle[:, None] - walkers
     beside = np.hypot(off[..., 0], off[..., 1]).min(axis=1) <= OWN_M
     of_walkers: npt.NDArray[np.bool_] = ((things.width <= BOTH_LEGS_M) & beside)[things.of]

@@ -1,4 +1,4 @@
-"""The following planner: the polar law where nothing is near, else the best way round."""
+"""The following planner: the polar law if no obstacle is near, otherwise the best path round it."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from mecazen_follower.planner.rollout import Rollout, follow, roll
 from mecazen_follower.planner.verdict import OPEN, free, verdict
 
 POINT_M = 0.05
-"""Half the width of what a point hides."""
+"""Half the width that an obstacle point hides [m]."""
 
 
 class Planner:
-    """Plans from time to time; between plans it follows the last one.
+    """Plans at `rate_hz`; between plans the last plan is followed.
 
     Args:
-        config: The follower's, with a planner.
+        config: The follower's configuration, with a planner.
         drive: Limits of wheels and controller.
         body: Sizes of robot and person.
         sight: Field of view of the sensor that sees the person.
@@ -40,7 +40,7 @@ class Planner:
 
     Attributes:
         plan: The current plan, with its reason.
-        search: The search for the best way.
+        search: The search for the best path.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Planner:
         self.forget()
 
     def configure(self, config: FollowerConfig, drive: Drive) -> None:
-        """Go on with other priorities, limits or another place."""
+        """Continue with changed priorities, limits or standoff."""
         assert config.planner is not None
         self._config, self._standoff = config.planner, config.standoff
         self._law = config.control if isinstance(config.control, PolarControl) else PolarControl()
@@ -77,9 +77,9 @@ class Planner:
         self._planned = -math.inf
 
     def see(self, time: float, scan: LaserScan, lidar: Pose2D) -> None:
-        """Take a scan of `time` [s] with the lidar at a pose in odom.
+        """Update with a scan captured at `time` [s] with the lidar at a pose in odom.
 
-        Before the person is known their legs can't be told from obstacles: nothing is taken.
+        Before the person is known, scans are ignored: the person's legs would count as obstacles.
         """
         if self._person is not None:
             self.surroundings.see(time, scan, lidar, self._person)
@@ -87,7 +87,7 @@ class Planner:
     def command(
         self, time: float, dt: float, person: Estimate, robot: Pose2D, nominal: Twist2D
     ) -> Twist2D:
-        """Return the twist in base_link for now; where nothing is near, `nominal` as it is."""
+        """Return the twist in base_link for now: `nominal`, unchanged, if no obstacle is near."""
         self._person = person.pose
         self._trail.add(person.pose, self._standoff.distance)
         if time - self._planned > 1.0 / self._config.rate_hz - 1e-6:
@@ -118,7 +118,7 @@ class Planner:
         movers = self.surroundings.movers.ahead(times) - robot[:2]
         shadows = self._shadows(prediction.poses[:, :2], standing, movers)
         was = self._config.clearance_m
-        wanted = was if self._commands is None else 1.5 * was  # back to the law with room to spare
+        wanted = was if self._commands is None else 1.5 * was  # hysteresis: return to the law late
         obstacle = free(
             nominal, standing, movers, self._body, prediction, shadows, wanted, self._dt
         )
@@ -151,7 +151,7 @@ class Planner:
 
 
 def _shifted(commands: Array, steps: float) -> Array:
-    """Return commands (steps, 3), begun some steps ago, from now on (steps, 3, 1)."""
+    """Return commands (steps, 3) that began `steps` ago, shifted to now (steps, 3, 1)."""
     at = np.arange(len(commands)) + steps
     known = np.arange(len(commands))
     return np.stack([np.interp(at, known, axis) for axis in commands.T], axis=-1)[..., None]

@@ -1,4 +1,4 @@
-"""Where commands take the robot, within what its wheels and its controller can do."""
+"""Simulates commands within the limits of the wheels and the controller."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from mecazen.drive_batch import Array, MotionLimits
 from mecazen.geometry import Twist2D
 
 Command = Callable[[int, Array, Array, Array], Array]
-"""From step, x, y and yaw, each (n), to velocities along odom's axes and yaw rates (3, n)."""
+"""Maps a step and x, y and yaw, each (n), to velocities along odom's axes and yaw rates (3, n)."""
 
 
 class Rollout(NamedTuple):
     """Poses after each step, each (steps, n): x, y [m], cos and sin of the yaw.
 
-    `commands` (steps, 3, n) are what was commanded.
+    `commands` (steps, 3, n) are the velocities along odom's axes and yaw rates commanded.
     """
 
     x: Array
@@ -27,7 +27,7 @@ class Rollout(NamedTuple):
 
 
 def roll(yaw: float, twist: Twist2D, steps: int, limits: MotionLimits, command: Command) -> Rollout:
-    """Return where robots get that begin at the origin with a yaw [rad] and a twist.
+    """Return the motion of robots that start at the origin with a yaw [rad] and a twist.
 
     A step leads along the mean of the directions at its ends.
     """
@@ -55,5 +55,5 @@ def roll(yaw: float, twist: Twist2D, steps: int, limits: MotionLimits, command: 
 
 
 def follow(commands: Array) -> Command:
-    """Return what gives the commands (steps, 3, n), wherever the robots are."""
+    """Return a `Command` that replays commands (steps, 3, n), independent of the robots' poses."""
     return lambda k, *_: commands[k]

@@ -15,9 +15,9 @@ from mecazen_follower.planner.modes import Prediction
 from mecazen_follower.planner.rollout import Rollout
 
 GIVEN_UP_M, GIVEN_UP_RAD = 0.3, math.radians(30.0)
-"""Errors at the end of a plan of a distance and of an angle that is given up."""
+"""Errors of distance and angle at the end of a plan from which on they count as given up."""
 STILL_M = 0.15
-"""A robot that gets no farther in a whole plan is waiting."""
+"""A robot that moves less than this in a whole plan is waiting [m]."""
 
 
 class Plan(NamedTuple):
@@ -40,9 +40,9 @@ def free(
     clearance: float,
     dt: float,
 ) -> str:
-    """Return what is in the first way's way, or between it and the person; "" where nothing is.
+    """Return what blocks the first path or hides the person from it; "" if nothing does.
 
-    Points count by their distance from the robot's rectangle, walkers by that from its corners.
+    Distances of points are from the robot's rectangle, those of walkers from its circumcircle.
     """
     x, y, c, s = (values[:, :1] for values in ways[:4])
     dx, dy = standing[:, 0] - x, standing[:, 1] - y
@@ -66,9 +66,9 @@ def free(
 def verdict(
     way: Rollout, scene: Situation, costs: Costs, standoff: Standoff, obstacle: str, last: str
 ) -> Plan:
-    """Return what a single way is, that is taken because of an obstacle.
+    """Return the state of a path that was chosen because of an obstacle.
 
-    A state of the last plan remains until half of the error is regained.
+    For hysteresis, a state of the last plan remains until its error falls to half the limit.
     """
     x, y = way.x - scene.person[:, :1], way.y - scene.person[:, 1:2]
     distance = np.hypot(x, y)
@@ -88,7 +88,7 @@ def verdict(
         "bearing": abs(bearing) / GIVEN_UP_RAD,
         "heading": abs(off) / GIVEN_UP_RAD,
     }
-    for name in costs.weights:  # the dearest first
+    for name in costs.weights:  # highest priority first
         state = f"gave_up_{name}"
         if lost[name] > (0.5 if last == state else 1.0):
             return Plan(state, obstacle)

@@ -1,1 +1,1 @@
-"""A board that is not there: its firmware as a program, in front of mecazen's physics."""
+"""An emulated board: its firmware as a program, connected to mecazen's physics."""

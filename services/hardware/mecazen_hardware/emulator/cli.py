@@ -1,4 +1,4 @@
-"""The command `mecazen hardware emulate`: what it prints while it runs."""
+"""The command `mecazen hardware emulate`: runs the emulator and prints events."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mecazen_hardware.emulator.relay import Relay
 from mecazen_hardware.emulator.world import EmulatedWorld, load
 
 RUNAWAY_S = 1.0
-"""Silence of the host after which wheels that are driven are a run-away [s]."""
+"""Silence of the host after which driven wheels count as a run-away [s]."""
 
 
 def emulate(
@@ -27,7 +27,7 @@ def emulate(
     faults: Sequence[str],
     duration_s: float | None,
 ) -> None:
-    """Emulate the board until a signal, or for a time.
+    """Emulate the board until a signal, or for `duration_s` [s].
 
     Raises:
         MecazenError: A setting, a fault or the path of the link can't be used.
@@ -55,7 +55,7 @@ def emulate(
 
 
 def _warn(emulator: Emulator, warned: list[bool]) -> None:
-    """Print what happens to the board, once each."""
+    """Print each event of the board once."""
     while emulator.happened:
         _say(f"at {emulator.time_s:.1f} s: {emulator.happened.pop(0)}")
     silent_s = emulator.time_s - emulator.last_heard_s

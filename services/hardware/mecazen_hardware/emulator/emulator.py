@@ -16,11 +16,12 @@ from mecazen_hardware.emulator.relay import Relay
 from mecazen_hardware.emulator.world import TICK_MS, EmulatedWorld
 
 MAX_LAG_MS = 1000
-"""Delay by which the emulator is late before its time falls behind the wall clock."""
+"""Lag up to which the emulator catches up; beyond it, its time falls behind the wall clock [ms]."""
 GAP_S = 0.002
-"""Least time between two frames that the board takes both."""
+"""Minimum time between two frames so that the board receives both [s]."""
 PRIORITY = 2
-"""Real-time priority: above the driver's, since a board needs no processor of its host."""
+"""Real-time priority, above the driver's: a real board does not compete for the host's
+processor."""
 JUMP_COUNTS = 5000
 BROWN_V = 9.0
 
@@ -28,14 +29,14 @@ BROWN_V = 9.0
 class Emulator:
     """An emulated ROSMASTER X3.
 
-    The world begins with the first frame that drives: until then persons stand.
+    The world starts with the first frame that drives. Until then persons stand still.
 
     Args:
         line: The line to the host.
         world: The world that the board drives.
         firmware: The board.
         faults: Requested faults.
-        relay: Publishes persons and sensors; None: they are not published.
+        relay: Publishes persons and sensors; None to publish nothing.
     """
 
     def __init__(
@@ -48,9 +49,9 @@ class Emulator:
     ) -> None:
         self.line, self.world, self.firmware = line, world, firmware
         self.lag_ms = 0
-        """Time by which the emulated world is behind the wall clock in all [ms]."""
+        """Total time by which the emulated world is behind the wall clock [ms]."""
         self.happened: list[str] = []
-        """Events that have happened."""
+        """Events that have happened and were not printed yet."""
         self.last_heard_s = 0.0
         """Time of the newest frame since the first that drives [s]."""
         self._relay = relay
@@ -61,8 +62,8 @@ class Emulator:
         self._is_silent = False
         self._ms = self._world_ms = 0
         self._arrived: deque[tuple[int, bytes, tuple[bool, bool]]] = deque()
-        """Bytes with the time at which the board gets them [ms], and whether there was a gap before
-        them, and between those that are in them."""
+        """Bytes with the time at which the board receives them [ms], whether there was a gap before
+        them, and whether there were gaps between them."""
         self._incoming: deque[tuple[int, bool]] = deque()
         self._outgoing: deque[tuple[int, bytes]] = deque()
         self._room = 0.0
@@ -75,7 +76,7 @@ class Emulator:
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Run in real time until `stop` returns true."""
-        with suppress(PermissionError):  # the other processes of a stack have it as well
+        with suppress(PermissionError):  # as for the other processes of a stack
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
         self._begin_s = time.monotonic() - self._ms / 1000.0
         while not stop():
@@ -96,10 +97,10 @@ class Emulator:
             self._look()
 
     def _look(self) -> None:
-        """Take what the host has sent since the last look.
+        """Take the bytes that the host has sent since the last call.
 
-        A pseudo-terminal has no times of arrival: bytes came at any time since the last look. The
-        emulator assumes the gap between two frames wherever their possible times allow it.
+        A pseudo-terminal has no times of arrival: bytes came at any time since the last call. The
+        emulator assumes a gap between two frames if their possible times allow it.
         """
         now_s, last_s = time.monotonic(), self._looked_s
         self._looked_s = now_s
@@ -107,7 +108,7 @@ class Emulator:
             return
         gaps = now_s - self._earliest_s >= GAP_S, now_s - last_s >= GAP_S
         self._earliest_s = last_s
-        # by the wall clock: what comes while the emulator catches up did not come at once
+        # by the wall clock: bytes that arrive while the emulator catches up did not arrive together
         arrived_ms = max(int(1000.0 * (now_s - self._begin_s)), self._ms) + self._delay_ms
         self._arrived.append((arrived_ms, self._to_board.pass_on(data), gaps))
 

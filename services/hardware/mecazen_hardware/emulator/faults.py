@@ -1,4 +1,4 @@
-"""Faults on request: damage of frames by chance, and events at a time."""
+"""Faults on request: random damage of frames, and events at given times."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Faults:
     chances: dict[str, float]
     seed: int = 0
     damaged: int = 0
-    """Number of frames that did not get through as they were."""
+    """Number of frames that were lost or changed."""
     _held: bytes = b""
     _random: random.Random = field(default_factory=random.Random)
 
@@ -43,7 +43,7 @@ class Faults:
         self._random.seed(self.seed)
 
     def pass_on(self, frame: bytes) -> bytes:
-        """Return what gets through of a frame; several may come at once."""
+        """Return the bytes that arrive for a frame; merged frames arrive together."""
         if not frame or not self.chances:
             return frame
         drawn = {name: self._random.random() < chance for name, chance in self.chances.items()}
@@ -64,20 +64,20 @@ class Faults:
 
 @dataclass
 class Requested:
-    """The faults that a command line asks for."""
+    """The faults that a command line requests."""
 
     chances: dict[str, float]
     events: dict[str, float]
     """Time of each event since the first command [s], by name."""
     delay_s: float = 0.0
-    """Time that each byte is late in either direction [s]."""
+    """Delay of each byte, in either direction [s]."""
 
 
 def parse_faults(texts: Sequence[str]) -> Requested:
-    """Return the faults of `NAME=CHANCE`, `NAME@SECONDS` and `delay=SECONDS`.
+    """Parse faults of the forms `NAME=CHANCE`, `NAME@SECONDS` and `delay=SECONDS`.
 
     Raises:
-        ConfigError: One is not known, or its number is out of range.
+        ConfigError: A fault is unknown, or its number is out of range.
     """
     found = Requested({}, {})
     for text in texts:

@@ -1,8 +1,8 @@
-"""The firmware of the ROSMASTER X3's board, millisecond by millisecond: bytes in, bytes out.
+"""The firmware of the ROSMASTER X3's board, in steps of a millisecond, from bytes to bytes.
 
-It is written from the vendor's source (`Rosmaster_V3.5.1`) and not from the driver. It keeps the
-faults: one buffer of 20 bytes, no watchdog, a motor loop with a fixed offset, a latch on low
-battery. It knows neither port nor clock nor physics.
+The emulation is written from the vendor's source (`Rosmaster_V3.5.1`) and not from the driver. It
+reproduces the firmware's faults: one buffer of 20 bytes, no watchdog, a motor loop with a fixed
+offset, a latch on low battery. It uses neither port nor clock nor physics.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CIRCUMFERENCE_MM = 204.203
 COUNTS_PER_TURN = 1320
 LEVER_MM = 164.555
 RIM_LIMIT = 1000.0
-"""Each wheel is cut by itself [mm/s]."""
+"""Speed at which each wheel is clipped, independent of the others [mm/s]."""
 PID_LIMIT, OFFSET, PWM_FULL = 2000.0, 1600.0, 3600.0
 DUTY_STEP = 20.0
 """PWM counts per percent of an open-loop duty."""
@@ -40,7 +40,7 @@ class Instruments(NamedTuple):
     """Measurements of the board."""
 
     angles: tuple[float, float, float, float] = (0.0,) * 4
-    """Angles of the motors' wheels m1 to m4 [rad], which encoders count."""
+    """Angles of the wheels at motors m1 to m4 [rad], which the encoders count."""
     volts: float = 12.0
     gyro: tuple[float, float, float] = (0.0,) * 3
     """[rad/s], in base_link."""
@@ -73,8 +73,8 @@ class Firmware:
     """The board after power-on.
 
     Attributes:
-        duty: Share of the battery's voltage at each motor, m1 to m4, from -1 to 1; None lets it
-            coast, 0.0 brakes it.
+        duty: Share of the battery's voltage at each motor, m1 to m4, from -1 to 1; None lets a
+            motor coast, 0.0 brakes it.
     """
 
     car_type: int = 1
@@ -84,21 +84,21 @@ class Firmware:
     goal: list[float] = field(default_factory=lambda: [0.0] * 4)
     """Speeds that the motor loop holds [mm/s]."""
     is_latched: bool = False
-    """Whether a low battery has switched the motors off, until a reset."""
+    """Whether a low or too high battery voltage has switched the motors off, until a reset."""
     lost: int = 0
-    """Number of frames that the buffer lost or a sum refused."""
+    """Number of frames that were overwritten in the buffer or had a wrong checksum."""
     taken: int = 0
-    """Number of frames that were taken."""
+    """Number of frames that were accepted."""
     drives: bool = False
-    """Whether a frame has ever commanded the motors, be it to rest."""
+    """Whether a frame has ever commanded the motors, even to rest."""
     jump: int = 0
-    """Counts that are added to the first encoder: a fault on request."""
+    """Counts that are added to the first encoder, for the fault `jump`."""
 
     def __post_init__(self) -> None:
         self._ms = 0
         self._volts = 0.0
         self._whole = b""
-        """A frame that the task has not read yet; a byte that comes now destroys it."""
+        """A frame that the task has not read yet; the next byte destroys the frame."""
         self._reports = True
         self._loop = False
         self._gains = (0.8, 0.06, 0.5)
@@ -134,7 +134,7 @@ class Firmware:
             case 1:
                 if byte == 0xFC:
                     frame.append(byte)
-                else:  # FF FF FC loses the frame: the second FF is not taken for a beginning
+                else:  # FF FF FC loses the frame: the second FF is not treated as a start
                     self._restart()
             case 2:
                 frame.append(byte)
@@ -196,7 +196,7 @@ class Firmware:
 
     def _open_loop(self, *duty: int) -> None:
         if self._loop:
-            return  # the loop, once started, overwrites it within 10 ms
+            return  # the loop, once started, overwrites the duty within 10 ms
         pwm = [DUTY_STEP * percent for percent in duty]
         self.duty = [_offset(value) / PWM_FULL if value else None for value in pwm]
 
@@ -312,7 +312,7 @@ _COMMANDS: dict[int, tuple[str, Callable[..., None]]] = {
     0x15: ("<BB", Firmware._set_car),
     0x50: ("<BB", Firmware._request),
 }
-"""The payload and the method of each command; all others (lights, servos, arm) change nothing."""
+"""The payload and the method of each command; other commands (lights, servos, arm) are ignored."""
 
 
 def _frame(function: int, payload: bytes) -> bytes:
@@ -326,7 +326,7 @@ def _pid_frame(function: int, index: int, gains: Sequence[float]) -> bytes:
 
 
 def _offset(pwm: float) -> float:
-    """Return a PWM value with the offset against friction, cut at its full scale."""
+    """Return a PWM value with the offset against friction, clipped at full scale."""
     return _within(pwm + math.copysign(OFFSET, pwm), PWM_FULL) if pwm else 0.0
 
 

@@ -1,4 +1,4 @@
-"""How long `joint_command` takes to the line, and a report to `joint_states`, by the wall clock."""
+"""Wall-clock latency from `joint_command` to the line, and from a report to `joint_states`."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ START_S = 20.0
 COMMAND_S = 0.037
 """Time between two commands of the robot's velocity [s]; the controller's ramps are in between."""
 BEFORE_S = 0.005
-"""Time by which a frame may be here before its command is heard [s]."""
+"""Maximum time by which a frame may arrive before its command is received [s]."""
 _MOTION = re.compile(b"\xff\xfc\x0a\x12\x01(..)", re.DOTALL)
-"""A frame that commands a twist, with its speed forward."""
+"""A frame that commands a twist; the group is the forward speed."""
 RIM_MM = 1000.0 * 0.204203 / math.tau
-"""Speed of the rim [mm/s] per rad/s, as the firmware has it."""
+"""Speed of the rim [mm/s] per rad/s, by the firmware's constants."""
 STEP_RAD, STEP_MS = 1.0, 250
-"""Angle by which the wheels jump, and the time between two jumps: six cycles of the board, in
-whole cycles of its encoders."""
+"""Angle by which the wheels jump [rad], and time between two jumps [ms]: about six cycles of the
+board, a whole number of its encoder cycles."""
 SEEN_RAD_S = 5.0
-"""Speed from which on `joint_states` shows a jump."""
+"""Speed above which `joint_states` shows a jump [rad/s]."""
 
 
 class Latency(msgspec.Struct):
-    """Percentiles in milliseconds."""
+    """Number of samples, percentiles and maximum [ms]."""
 
     samples: int
     p50_ms: float
@@ -49,7 +49,7 @@ class Latency(msgspec.Struct):
 
 
 def measure(path: Path, duration_s: float, tick_s: float) -> dict[str, Latency]:
-    """Return the latency of commands and of reports of a driver in a process of its own.
+    """Return the latency of commands and of reports of a driver in a separate process.
 
     Raises:
         MecazenError: The driver did not start.
@@ -79,7 +79,7 @@ def measure(path: Path, duration_s: float, tick_s: float) -> dict[str, Latency]:
 
 
 class _Peer:
-    """The other end of the driver: its board, the one who commands, and who hears."""
+    """The peer of the driver: its board, the client that commands, and the client that listens."""
 
     def __init__(self, line: Line, bus: ZenohBus) -> None:
         self.commands_s: list[float] = []
@@ -89,10 +89,10 @@ class _Peer:
         self._draw = random.Random(1)  # noqa: S311  # no secret
         self._put = bus.publisher(keys.CMD_VEL).put
         self._commanded: tuple[int, float] | None = None
-        """A speed that the controller has commanded [mm/s], and when that was heard [s]."""
+        """A speed that the controller has commanded [mm/s], and the time of its reception [s]."""
         self._last = 0
         self._on_line: dict[int, float] = {}
-        """When each speed was last on the line [s], by its number of mm/s."""
+        """Time at which each speed was last on the line [s], by the speed [mm/s]."""
         self._jumped_s: float | None = None
         self._angle, self._is_sent = 0.0, False
         bus.subscribe(keys.JOINT_STATES, self._on_joints)
@@ -102,7 +102,7 @@ class _Peer:
         """Measure for some time, or wait until the driver has begun to drive.
 
         Raises:
-            MecazenError: It has not begun.
+            MecazenError: The driver has not begun.
         """
         begin_s = next_s = time.monotonic()
         ms = 0
@@ -147,7 +147,7 @@ class _Peer:
         if number not in (0, self._last):
             self._last, now_s = number, time.monotonic()
             if now_s - self._on_line.get(number, 0.0) < BEFORE_S:
-                self.commands_s.append(0.0)  # the frame was here before the command was heard
+                self.commands_s.append(0.0)  # the frame arrived before the command was received
             else:
                 self._commanded = number, now_s
 

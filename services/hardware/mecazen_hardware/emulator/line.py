@@ -1,4 +1,4 @@
-"""A serial line with a pseudo-terminal at its end, at the speed of the line."""
+"""A serial line that ends in a pseudo-terminal, with the transmission time of a real line."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ BYTES_PER_MS = 11.52
 
 
 class Line:
-    """The board's end of a line; `name` is the other end, for `serial.Serial`.
+    """The board's end of a line; `name` is the host's end, for `serial.Serial`.
 
     Args:
-        link: Path of a symbolic link to the other end, whose own name is not known in advance.
+        link: Path of a symbolic link to the host's end, whose device name is not known in advance.
 
     Raises:
-        MecazenError: Something else is at that path.
+        MecazenError: The path of the link exists already.
     """
 
     def __init__(self, link: Path | None = None) -> None:
         self._master, self._slave = pty.openpty()
-        tty.setraw(self._slave)  # else the terminal echoes what the board sends
+        tty.setraw(self._slave)  # otherwise the terminal echoes the board's bytes
         os.set_blocking(self._master, False)
         self.name = os.ttyname(self._slave)
         self._link = link
@@ -52,7 +52,7 @@ class Line:
             return b""
 
     def send(self, data: bytes) -> None:
-        """Send bytes to the host, behind those that are still on the line."""
+        """Queue bytes for the host, after those that are still on the line."""
         self._out.extend(data)
 
     @property
@@ -61,7 +61,7 @@ class Line:
         return len(self._out)
 
     def millisecond(self) -> None:
-        """Pass on what the line carries in a millisecond."""
+        """Transmit the bytes that the line carries in a millisecond."""
         self._room = min(self._room + BYTES_PER_MS, 2 * BYTES_PER_MS)
         count = min(int(self._room), len(self._out))
         if not count:
@@ -71,10 +71,10 @@ class Line:
         try:
             os.write(self._master, data)
         except BlockingIOError:
-            termios.tcflush(self._slave, termios.TCIFLUSH)  # no one reads: old bytes are of no use
+            termios.tcflush(self._slave, termios.TCIFLUSH)  # no one reads: discard the old bytes
 
     def unplug(self) -> None:
-        """Let the port be gone, as when its cable is pulled."""
+        """Remove the port, as if its cable were pulled."""
         self.is_open = False
         os.close(self._master)
         os.close(self._slave)

@@ -1,7 +1,7 @@
-"""Publishes what the emulated world's persons and sensors do, as a robot's sensor drivers would.
+"""Publishes the emulated world's persons and sensor data, as a robot's sensor drivers would.
 
-The samples carry no stamp of a node: to the robot's services they come from outside. Their headers
-have the time of the driver's `clock`, as drivers have it that run on its time.
+The samples carry no stamp of a node: the robot's services treat them as external. Their headers
+have the time of the driver's `clock`, like those of sensor drivers that use this clock.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RETRY_S = 1.0
 
 
 class Relay:
-    """A client of the robot's bus; it waits for the router in a thread of its own.
+    """A client of the robot's bus; a separate thread waits for the router.
 
     Args:
         config: The bus.
@@ -61,7 +61,7 @@ class Relay:
         header = getattr(message, "header", None)
         if not isinstance(header, Header):
             return message
-        assert self._clock_ns is not None  # `publish` waits for it
+        assert self._clock_ns is not None  # `publish` waits for the clock
         stamp_ns = max(self._clock_ns - now_ns + header.stamp.ns, 1)  # 0 would be no stamp
         stamped = msgspec.structs.replace(header, stamp=Time.from_ns(stamp_ns))
         return msgspec.structs.replace(message, header=stamped)

@@ -1,4 +1,4 @@
-"""The world of an emulated board: mecazen's physics, with motors between volts and torque."""
+"""The world of an emulated board: mecazen's physics, with a motor model from voltage to torque."""
 
 from __future__ import annotations
 
@@ -23,33 +23,35 @@ from mecazen_hardware.emulator.firmware import Instruments
 TICK_MS = 5
 ROBOT = "rosmaster_x3"
 ORDER = (0, 2, 1, 3)
-"""The wheels of the motors m1 to m4, by their numbers in mecazen's order, and the reverse."""
+"""The wheels of the motors m1 to m4, as indices in mecazen's order; the permutation is its own
+inverse."""
 SENSED = ("target", "sensors", "crowd")
-"""Services of a scenario that are not the robot's: persons, and drivers of sensors."""
+"""Services of a scenario outside the robot's stack: persons, and drivers of sensors."""
 HIDDEN = {JOINT_STATES, IMU}
-"""Outputs that only the board gives to the host."""
+"""Outputs that the host receives only from the board."""
 ENDLESS_S = 1e6
 
 RESISTANCE_OHM = 4.5
 BACK_EMF_V_S = 0.34
 TORQUE_NM_A = 0.157
-"""The motor MD520Z30 at its output."""
+"""Constants of the motor MD520Z30 at the output shaft of its gear."""
 RUNNING_V = 3.3
-"""Part of the voltage that friction takes while a wheel turns: an assumption. At less than about
-4 V the wheels of a real robot stand, even off the ground."""
+"""Voltage that friction takes while a wheel turns [V]: an assumption. Below about 4 V the wheels of
+a real robot stand still, even off the ground."""
 BREAK_AWAY_V = 5.5
-"""Voltage at which a wheel on the floor starts to turn: derived from runs that did and did not."""
+"""Voltage at which a wheel on the floor starts to turn [V]: from runs that did and did not
+start."""
 STILL_RAD_S = 1.0
 """Speed below which a wheel counts as still for friction."""
 SUPPLY_OHM = 0.15
-"""Resistance of battery and cables: an assumption."""
+"""Resistance of battery and cables [Ω]: an assumption."""
 
 
 def motor_torque(volts: float | None, speed: float) -> tuple[float, float]:
     """Return torque at the wheel [N·m] and current [A] of a motor.
 
     Args:
-        volts: Mean voltage at its terminals; None: they are open.
+        volts: Mean voltage at the motor's terminals; None if they are open.
         speed: Speed of the wheel [rad/s].
     """
     current = 0.0 if volts is None else (volts - BACK_EMF_V_S * speed) / RESISTANCE_OHM
@@ -77,7 +79,7 @@ def load(path: Path, overrides: Sequence[str], tick_ms: int = TICK_MS) -> Scenar
             f"sim.tick_s={tick_ms / 1000}",
             f"sim.duration_s={ENDLESS_S:.0f}",
             f"physics.dt_s={tick_ms / 1000}",
-            "physics.motors=ideal",  # those of the board are here
+            "physics.motors=ideal",  # this module models the board's motors
         ),
     )
     also = (*scenario.sensor.also, *({"imu"} - {*scenario.sensor.also}))
@@ -89,7 +91,7 @@ def load(path: Path, overrides: Sequence[str], tick_ms: int = TICK_MS) -> Scenar
 
 
 class EmulatedWorld:
-    """Robot, persons and sensors around a board; it begins at rest, and waits for `begin`.
+    """Robot, persons and sensors around a board; the world rests until `begin`.
 
     Args:
         scenario: The return value of `load`.
@@ -102,7 +104,7 @@ class EmulatedWorld:
         """Voltage without load [V]."""
         self.has_begun = False
         self.news: dict[Topic[Any], Message] = {}
-        """Newest messages that no one has taken yet: what sensors and persons publish."""
+        """Newest unpublished messages of sensors and persons."""
         self._current = 0.0
         self._angles: Sequence[float] = (0.0,) * 4
         self._speeds: Sequence[float] = (0.0,) * 4
@@ -120,7 +122,7 @@ class EmulatedWorld:
         self.time_ns = 0
 
     def begin(self) -> None:
-        """Let time begin: persons start to walk as the scenario says."""
+        """Start the time: persons start to walk as the scenario specifies."""
         self.has_begun = True
         self.run.begin()
 
@@ -157,11 +159,11 @@ class EmulatedWorld:
         )
 
     def scores(self) -> Scores:
-        """Return the measures of following so far, by the truth."""
+        """Return the scores of following so far, from the ground truth."""
         return self.run.trajectory.scores(self.scenario.follower.standoff)
 
     def close(self) -> None:
-        """End the services' work."""
+        """Close the services."""
         self.run.close()
 
     def _noting(self, topic: Topic[Any]) -> Any:
