@@ -24,7 +24,7 @@ def test_it_has_a_file_for_each_own_message_and_none_of_ros(package):
 
 def test_a_message_begins_with_its_docstring_and_has_its_own_fields_only(package):
     lines = package["msg/NamedPose.msg"].splitlines()
-    assert lines[0] == "# Where the robot of a name truly is."
+    assert lines[0] == "# Name and true pose of a robot."
     assert [line for line in lines if line and line[0] != "#"] == [
         "string name",
         "geometry_msgs/Pose pose",
