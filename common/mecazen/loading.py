@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -72,9 +73,14 @@ def named_file(name: str, kind: str, where: str = "") -> Path:
     folder = next(c for folder in above if (c := folder / "configs" / f"{kind}s").is_dir())
     if (file := folder / f"{name}.toml").is_file():
         return file
-    known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
+    known = sorted(file.stem for file in folder.glob("*.toml"))
     shown = one_line(name) or "''"
-    raise ConfigError(f"{where}{shown}: no such {kind}; a path to a TOML file, or one of {known}")
+    close = difflib.get_close_matches(name, known, n=1)
+    meant = f"did you mean {close[0]}? " if close else ""
+    raise ConfigError(
+        f"{where}{shown}: no such {'file' if name.endswith('.toml') else kind}; {meant}a path to a "
+        f"TOML file, or one of {', '.join(known)}"
+    )
 
 
 def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import importlib.util
 import re
@@ -52,11 +53,13 @@ def find(name: str, programs: Mapping[str, str]) -> Kind:
     if program in known:
         return _checked(known[program].load(), program)
     if ":" not in program:
+        if program.endswith(".py"):
+            raise ConfigError(f"{program}: add the class, such as {program}:MyFollower")
         names = ", ".join(sorted(known)) or "none"
         raise ConfigError(
             f"{program}: no such node; installed: {names}; or file.py:Class of your own"
         )
-    return _checked(imported(program), program)
+    return _class_of(program)
 
 
 def imported(program: str) -> object:
@@ -67,6 +70,22 @@ def imported(program: str) -> object:
     """
     place, _, attribute = program.partition(":")
     return getattr(_import(place), attribute, None)
+
+
+def _class_of(program: str) -> Kind:
+    """Return the class that `file.py:Class` or `module:Class` names.
+
+    Raises:
+        ConfigError: The class does not exist, or it is no node.
+    """
+    found = imported(program)
+    place, _, name = program.partition(":")
+    if found is None:
+        close = difflib.get_close_matches(name, dir(_import(place)), n=1)
+        raise ConfigError(
+            f"{program}: no such class in {place}{f'; did you mean {close[0]}?' if close else ''}"
+        )
+    return _checked(found, program)
 
 
 def _import(place: str) -> ModuleType:

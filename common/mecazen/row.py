@@ -28,6 +28,17 @@ class Input:
     before: bool = False
     """Whether a step uses the sample of the tick before; its giver may then wait for the step."""
 
+    def __post_init__(self) -> None:
+        """Check the topic, since users write rows too.
+
+        Raises:
+            ConfigError: It is no topic.
+        """
+        if not isinstance(self.topic, Topic):
+            raise ConfigError(
+                f"{self.rule}({self.topic!r:.80}): needs a topic, such as mecazen.keys.OBSERVATION"
+            )
+
 
 def every(topic: Topic[Any]) -> Input:
     """Return an input that triggers a step: one for each tick with a sample of all such inputs."""

@@ -192,9 +192,14 @@ def test_a_scenario_is_found_by_path_and_by_name_from_any_folder_below(tmp_path,
     assert scenario_path("back") == folder / "back.toml"
     assert scenario_path(str(folder / "side.toml")) == folder / "side.toml"
     assert scenario_path("../../configs/scenarios/side.toml").samefile(folder / "side.toml")
-    expected = "^bak: no such scenario; a path to a TOML file, or one of back, side$"
-    with pytest.raises(ConfigError, match=expected):
-        scenario_path("bak")
+    allowed = "a path to a TOML file, or one of back, side$"
+    for name, said in (
+        ("bak", rf"^bak: no such scenario; did you mean back\? {allowed}"),
+        ("x", f"^x: no such scenario; {allowed}"),
+        ("bak.toml", f"^bak.toml: no such file; {allowed}"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            scenario_path(name)
     for name, shown in (("a\nb", r"a\\nb"), ("", "''")):
         with pytest.raises(ConfigError, match=f"^{shown}: no such scenario"):
             scenario_path(name)

@@ -25,6 +25,11 @@ def test_a_row_that_makes_no_sense_is_refused(fields, expected):
         Row("mine", **fields)
 
 
+def test_an_input_needs_a_topic():
+    with pytest.raises(ConfigError, match=r"^every\('odom'\): needs a topic, such as mecazen\."):
+        every("odom")
+
+
 def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest():
     mine = Row("mine", inputs=(latest(ODOM),), outputs=(CMD_VEL,), priority=50, shared=True)
     placed = mine.placed(TABLE["follower"])

@@ -149,7 +149,9 @@ def test_an_answer_that_is_missing_is_a_difference(mine, recorded):
     path = recorded()
     gap = Recording(rewritten(path, lambda n, key: (n, key) != (20, "cmd_vel")), trusted=True)
     difference = recompute(gap, mine).difference
-    assert str(difference) == "cmd_vel at 0.2 s: recorded nothing, recomputed a message"
+    assert str(difference) == (
+        "cmd_vel at 0.2 s: recorded nothing, recomputed a message; does `mecazen info` show gaps?"
+    )
 
 
 def test_wherever_the_recording_ends_the_same_code_answers_as_recorded(mine, recorded):

@@ -13,7 +13,9 @@ def chapter(title: str) -> str:
 
 
 def test_a_setting_shows_default_range_and_docstring():
-    row = "| `margin_m` | `0.06`, ≥ 0, live | Clearance between the robot's outline and obstacles. |"
+    row = (
+        "| `margin_m` | `0.06`, ≥ 0, live | Clearance between the robot's outline and obstacles. |"
+    )
     assert row in chapter("guard")
 
 

@@ -132,8 +132,13 @@ class OwnSteps:
                 f"{self._name}: step must return messages by their topics, not {outputs!r:.80}"
             )
         for topic, message in outputs.items():
-            if not isinstance(topic, Topic) or type(message) is not topic.type:
-                raise NodeError(f"{self._name}: step returns {topic!r:.80} with a wrong message")
+            if not isinstance(topic, Topic):
+                raise NodeError(f"{self._name}: step returns {topic!r:.80}, which is no topic")
+            if type(message) is not topic.type:
+                raise NodeError(
+                    f"{self._name}: step returns {topic.key} as {type(message).__name__}; it must "
+                    f"be {topic.type.__name__} of mecazen.messages"
+                )
             if topic not in self._topics:
                 raise NodeError(f"{self._name} gives {topic.key}, which is not in its row")
             try:

@@ -28,6 +28,10 @@ PERIODIC = {topic.key for row in GRAPH for topic in row.outputs} - {PARAMETERS.k
 """Keys whose last sample marks the end of a recording."""
 
 
+NOTHING = "nothing"
+"""The value of a missing sample."""
+
+
 class Difference(NamedTuple):
     """The first difference from the recording."""
 
@@ -41,7 +45,8 @@ class Difference(NamedTuple):
     def __str__(self) -> str:
         where = " ".join(filter(None, (self.key, self.field)))
         values = f"recorded {self.recorded}, recomputed {self.recomputed}"
-        return f"{where} at {self.time_ns / NS_PER_S} s: {values}"
+        hint = "; does `mecazen info` show gaps?" if self.recorded == NOTHING else ""
+        return f"{where} at {self.time_ns / NS_PER_S} s: {values}{hint}"
 
 
 class Comparison(NamedTuple):
@@ -167,7 +172,7 @@ def _compare(
     for (old_ns, old), (new_ns, new) in zip_longest(*within, fillvalue=(math.inf, Message())):
         if old_ns != new_ns:
             there = [
-                "a message" if ns == min(old_ns, new_ns) else "nothing" for ns in (old_ns, new_ns)
+                "a message" if ns == min(old_ns, new_ns) else NOTHING for ns in (old_ns, new_ns)
             ]
             return Difference(key, int(min(old_ns, new_ns)), "", *there)
         # compared as bytes, since 0.0 and -0.0 are equal as numbers
