@@ -61,10 +61,10 @@ def due(
 
 
 def latest(topic: Topic[Any]) -> Input:
-    """Return an input that no step waits for: the newest sample since the last step, if any.
+    """Return an input with the newest sample since the last step, if any; no step waits for it.
 
-    In lockstep the rule is "due" if a node publishes the topic, so that results do not depend on
-    the order of arrival.
+    In lockstep the rule is "due" instead if a node publishes the topic, so that results do not
+    depend on the order of arrival.
     """
     return Input(topic, "latest")
 

@@ -238,7 +238,7 @@ class Host:
         return Hosted(turn, kind, scenario, is_own=is_own)
 
     def _loop(self) -> Loop:
-        """Return the loop, with each output connected to its slots and its publisher."""
+        """Return the loop. Each output goes to the inputs that take it here, and to the bus."""
         runners = []
         for hosted in self.hosted:
             turn = hosted.turn

@@ -99,7 +99,7 @@ class Walkers(Protocol):
     """Current motion of each walker."""
 
     def step(self, time: float, dt: float, others: Sequence[Other]) -> None:
-        """Advance to a time by `dt` [s] among others."""
+        """Advance the walkers by `dt` to `time` [s]; they give way to `others`."""
 
 
 def walked(last: Motion, place: Sequence[float], velocity: Sequence[float], dt: float) -> Motion:

@@ -151,7 +151,10 @@ class Planner:
 
 
 def _shifted(commands: Array, steps: float) -> Array:
-    """Return commands (steps, 3) that began `steps` ago, shifted to now (steps, 3, 1)."""
+    """Return the rest of a plan (n, 3) whose first command was due `steps` ago (n, 3, 1).
+
+    The last command is repeated at the end.
+    """
     at = np.arange(len(commands)) + steps
     known = np.arange(len(commands))
     return np.stack([np.interp(at, known, axis) for axis in commands.T], axis=-1)[..., None]
