@@ -269,8 +269,8 @@ def _shown(result: Result, block: re.Match[str]) -> str:
     else:
         folder = Path(TABLES).name
         shown = "".join(
-            f"- [{table.title}]({folder}/{_file_name(block['stage'], table)}), {len(table.rows)} "
-            f"rows. {table.caption[:1].upper()}{table.caption[1:]}.\n"
+            f"- [{table.title or block['stage']}]({folder}/{_file_name(block['stage'], table)}), "
+            f"{len(table.rows)} rows. {table.caption[:1].upper()}{table.caption[1:]}.\n"
             for table in tables
         )
     return f"{shown}\n{result.origin}\n"

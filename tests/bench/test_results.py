@@ -75,6 +75,14 @@ def test_a_table_that_was_edited_by_hand_is_found(root):
     assert found.startswith("docs/walk.md: a table differs from its result file")
 
 
+def test_the_link_to_a_table_without_a_title_has_the_name_of_its_stage(root):
+    edit(root / "results" / "walk.json", '"title": "Walk"', '"title": ""')
+    document = root / "docs" / "walk.md"
+    document.write_text("<!-- csv: walk -->\n<!-- /csv -->\n")
+    results.write_tables(root)
+    assert "- [walk](tables/walk.csv), 1 rows. So.\n" in document.read_text()
+
+
 def test_a_page_links_to_a_table_in_csv_and_an_edited_or_unknown_file_is_found(root):
     document = root / "docs" / "walk.md"
     document.write_text("Text.\n\n<!-- csv: walk Walk -->\n<!-- /csv -->\n")
