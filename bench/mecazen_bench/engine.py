@@ -192,7 +192,7 @@ def _coast(engine: Engine) -> float:
     """Return the relative gain of energy of a coasting robot in a second.
 
     Speeds are means over the passage of a roller: otherwise the energy of a polygonal wheel would
-    seem to change with the corner that it stands on.
+    seem to change with the corner on the ground.
     """
     body = PlanarInertia.of(engine.robot)
     passage = 2.0 * math.pi / engine.robot.rollers.count

@@ -270,7 +270,7 @@ def _shown(result: Result, block: re.Match[str]) -> str:
         folder = Path(TABLES).name
         shown = "".join(
             f"- [{table.title or block['stage']}]({folder}/{_file_name(block['stage'], table)}), "
-            f"{len(table.rows)} rows. {table.caption[:1].upper()}{table.caption[1:]}.\n"
+            f"{len(table.rows)} rows. {table.sentences}\n"
             for table in tables
         )
     return f"{shown}\n{result.origin}\n"

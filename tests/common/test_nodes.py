@@ -20,7 +20,7 @@ TURN = Turn(0, Row("mine"), "", 1, (), ((keys.CMD_VEL, keys.CMD_VEL, 1),))
 
 
 class Toy(Node):
-    """Gives a command; it fails in one method, if it is told to."""
+    """Gives a command; the method with the name `fails_in` raises."""
 
     ROW = Row("mine", inputs=(every(keys.ODOM),), outputs=(keys.CMD_VEL,))
     fails_in = ""
@@ -64,7 +64,7 @@ CALLS = {
     "diagnostics": lambda hosted: hosted.diagnostics(),
     "close": lambda hosted: hosted.close(),
 }
-"""What calls each method of a node."""
+"""A call of each method of a node."""
 
 
 @pytest.mark.parametrize("where", CALLS)

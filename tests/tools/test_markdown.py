@@ -17,3 +17,8 @@ def test_markup_goes_and_an_interval_is_put_in_brackets():
 
 def test_a_table_without_a_title_begins_with_its_caption():
     assert str(MarkdownTable("", "so", ("a",), (("",),))) == "So.\n\n| a |\n| --- |\n| |\n"
+
+
+def test_the_parts_of_a_caption_are_sentences():
+    table = MarkdownTable("", "means; µs/tick: of one core; ripple: a height", ("a",), ())
+    assert table.sentences == "Means. µs/tick: of one core. Ripple: a height."

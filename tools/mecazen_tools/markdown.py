@@ -39,11 +39,16 @@ class MarkdownTable(msgspec.Struct, frozen=True):
             tuple(tuple(map(cell, row)) for row in rows),
         )
 
+    @property
+    def sentences(self) -> str:
+        """The caption as sentences, one for each of its parts."""
+        parts = [part.strip() for part in self.caption.split(";")]
+        # µs/tick keeps its small letter
+        return " ".join(f"{'µ' if p[:1] == 'µ' else p[:1].upper()}{p[1:]}." for p in parts)
+
     def __str__(self) -> str:
         title = f"**{self.title}.** " if self.title else ""
-        return (
-            f"{title}{self.caption[:1].upper()}{self.caption[1:]}.\n\n{lines(self.head, self.rows)}"
-        )
+        return f"{title}{self.sentences}\n\n{lines(self.head, self.rows)}"
 
 
 def lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -99,7 +99,7 @@ class Surroundings:
             if track.is_person:
                 margins[of] = self.config.person_margin_m
         xy, thing = _thinned(things)
-        moves = velocity[thing].any(axis=1)  # such points exist twice: one stops, one goes on
+        moves = velocity[thing].any(axis=1)  # each such point exists twice, at rest and in motion
         self._points = Points(
             np.concatenate((xy, xy[moves])),
             np.concatenate((sure[thing], velocity[thing][moves])),

@@ -23,7 +23,7 @@ from mecazen_physics.state import BASE_DOFS, RobotState, check_converged
 NEARBY_M = 1.0
 """Distance after which nearby obstacles are searched again: a map may have hundreds [m]."""
 STANDING_RAD = 1e-3
-"""Maximum tilt of a base that stands on its four wheels."""
+"""Maximum tilt of a base with four wheels on the ground [rad]."""
 HYSTERESIS = 1.5
 """A robot becomes isolated again at this multiple of the distance at which isolation ends."""
 
