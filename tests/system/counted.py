@@ -1,4 +1,4 @@
-"""The nodes of the loop, each of which writes down at its end how much it has published."""
+"""The nodes of the loop; at its end each writes down how much of the last run it has published."""
 
 import os
 from collections import Counter
@@ -25,6 +25,11 @@ class _Counting:
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.counts: Counter[str] = Counter()
+
+    def reset(self, seed: int) -> None:
+        super().reset(seed)
+        if seed:  # a follower without news for long resets itself, with 0
+            self.counts.clear()
 
     def step(self, tick: Tick, inputs: Any) -> Any:
         outputs = super().step(tick, inputs)
