@@ -70,6 +70,16 @@ class Density(NamedTuple):
     obstacles: int | None = None
     """Number of boxes in the clutter."""
 
+    @property
+    def text(self) -> str:
+        """The density as tables show it."""
+        parts = [f"{self.humans} people"]
+        if self.width is not None:
+            parts.append(f"{self.width:g} m wide")
+        if self.obstacles is not None:
+            parts.append(f"{self.obstacles} boxes")
+        return ", ".join(parts)
+
 
 class EpisodeLength(NamedTuple):
     """The end of an episode, in steps."""

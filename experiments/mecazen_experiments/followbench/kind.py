@@ -75,6 +75,12 @@ COLUMNS: tuple[Column, ...] = (
 )
 SHARES = ("sr", "asr", "tvr", "tin_tperson", "tin_private", "caused_contact", "in_view")
 """Metrics that the tables show in percent."""
+LEVELS = {
+    (cls, Density(humans, *size).text): level
+    for cls, (size, numbers) in PEOPLE_OF_LAYOUTS.items()
+    for level, humans in enumerate(numbers, start=1)
+}
+"""The level of people, by class and density as text."""
 
 
 class Entry(msgspec.Struct, frozen=True):
@@ -146,7 +152,7 @@ def _series(runs: Sequence[tuple[Entry, int]]) -> Series:
         "follower": first.follower,
         "class": first.cls,
         "place": first.place,
-        "density": said(first.density),
+        "density": first.density.text,
     }
     row = ", ".join(labels.values())
     jobs = tuple(
@@ -166,16 +172,6 @@ def _sha256(entry: Entry) -> str:
     if entry.file:
         digest.update(read_bytes(Path(entry.file)))
     return digest.hexdigest()
-
-
-def said(density: Density) -> str:
-    """Return a density as text."""
-    parts = [f"{density.humans} people"]
-    if density.width is not None:
-        parts.append(f"{density.width:g} m wide")
-    if density.obstacles is not None:
-        parts.append(f"{density.obstacles} boxes")
-    return ", ".join(parts)
 
 
 def _episode(job: Job) -> tuple[str, Episode]:
@@ -198,14 +194,6 @@ def _measure(job: Job) -> tuple[Metrics, str]:
     for values in cast(tuple[Floats, ...], record[:4]):
         digest.update(values.tobytes())
     return measure(record, episode.place, episode.distance), digest.hexdigest()
-
-
-LEVELS = {
-    (cls, said(Density(humans, *size))): level
-    for cls, (size, numbers) in PEOPLE_OF_LAYOUTS.items()
-    for level, humans in enumerate(numbers, start=1)
-}
-"""The level of people, by class and density as text."""
 
 
 def _measure_own(job: Job) -> tuple[OwnRun, str]:
