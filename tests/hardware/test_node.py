@@ -9,9 +9,9 @@ from hardware.stand import MOTION, RESET, ROBOT, Requested, emulated, until
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import GuardConfig, HardwareConfig, Scenario, SensorConfig, SimConfig
-from mecazen.errors import ConfigError
+from mecazen.errors import BusError, ConfigError
 from mecazen.geometry import Twist2D
-from mecazen.messages import Empty, JointState, Twist
+from mecazen.messages import Empty, JointState, SpeedRequest, Twist
 from mecazen.programs import graph_of
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.runtime.clock import Clock
@@ -194,6 +194,10 @@ def test_what_a_real_robot_has_not_is_refused_before_it_moves():
         graph_of(scenario(services=("hardware", "controller", "target")))
     with pytest.raises(ValueError, match="hardware takes the place of physics"):
         scenario(services=("hardware", "physics"))
+    run = Running(scenario("/dev/none", hardware={"dry_run": True}))
+    with pytest.raises(BusError, match="the time of a real robot is the wall clock"):
+        run.bus.call(keys.SIM_SPEED, SpeedRequest(speed=2.0))
+    run.host.close()
 
 
 def test_a_command_behind_a_guard_expires_as_soon_as_the_guard_counts_on():

@@ -299,6 +299,9 @@ class Clock:
         if self.lockstep:
             reply.refuse("lockstep goes as fast as it can: there is no speed to set")
             return
+        if "hardware" in self.scenario.services:
+            reply.refuse("the time of a real robot is the wall clock: there is no speed to set")
+            return
         self.schedule = Schedule(self.scenario.sim.tick_s, request.speed)
         self.schedule.restart(self.tick)
         reply.answer(self.sim_state())
