@@ -10,6 +10,7 @@ from mecazen.config.world import Person
 from mecazen.geometry import Twist2D
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
 from mecazen_physics.bodies import build_legs
+from mecazen_physics.body import DEEPEST_M
 from mecazen_physics.people import LEGS, MovingPerson, place
 from physics_rig import Rig, wheel_speeds
 
@@ -68,6 +69,21 @@ def test_a_robot_drives_between_legs_that_stand_apart(nexus):
     assert state.yaw == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.parametrize("speed", [0.5, 2.0, 10.0], ids="{} m/s".format)
+def test_a_foot_that_steps_on_the_robot_does_not_press_it_into_the_ground(nexus, speed):
+    rig = Rig(nexus)
+    # the left heel comes down onto the rear left corner, where the toes point away from the robot
+    joints = standing(-0.15, stance=0.3)
+    joints[:, 0] -= np.where(joints[:, 0] > -0.15, 0.3, 0.0)
+    joints[:, 2] += 0.4
+    for tick in range(100):
+        rig.world.place_person(0, person(joints, (0.0, 0.0, -speed)))
+        state = rig.advance([0.0] * 4)
+        joints[:, 2] -= speed * 0.01 if joints[INDEX["left_heel"], 2] > 0.1 else 0.0
+        # a step of 1 ms at this speed, after which the robot is lifted
+        assert state.position[2] > -0.001 * speed - DEEPEST_M, tick
+
+
 def test_feet_that_reach_below_the_ground_touch_nothing(nexus):
     rig = Rig(nexus)
     rig.world.place_person(0, person(standing(0.42)))
@@ -81,17 +97,22 @@ def test_feet_that_reach_below_the_ground_touch_nothing(nexus):
     assert math.dist(rig.state().position, (0.0, 0.0, 0.0)) < 1e-4
 
 
-def test_limbs_turn_and_move_as_their_ends_do():
+def test_limbs_turn_and_move_as_their_ends_do_sideways():
     random = np.random.default_rng(2)
     joints, velocities = random.normal(size=(2, len(JOINTS), 3))
+    velocities[:, 2] = 0.0
     skeleton, dt = build_legs(Person()), 1e-6
     someone = MovingPerson.of_joints(joints, velocities, HEIGHT)
+    falling = MovingPerson.of_joints(joints, velocities - (0.0, 0.0, 2.0), HEIGHT)
 
     def ends():
         frames = [body.getWorldTransform().matrix() for body in skeleton.getBodyNodes()]
         return np.array([f[:3, 3] for f in frames]), np.array([f[:3, 2] for f in frames])
 
+    place(skeleton, falling)
+    commands = skeleton.getCommands()
     place(skeleton, someone)
+    np.testing.assert_array_equal(skeleton.getCommands(), commands)
     middles, axes = ends()
     skeleton.setVelocities(skeleton.getCommands())
     skeleton.integratePositions(dt)

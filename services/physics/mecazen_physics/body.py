@@ -131,6 +131,17 @@ class RobotBody(ABC):
             position[0] = position[1] = position[5] = position[6] = 0.0
             self.skeleton.setPositions(position)
 
+    def lift(self) -> None:
+        """Lift a robot out of the ground into which a foot on it presses it.
+
+        The origin of base_link is the mean of the wheels' lowest points, so no attitude of a robot
+        above the ground brings it below.
+        """
+        position = self.skeleton.getPositions()
+        if -self._robot.rollers.max_radius_m < position[5] < -DEEPEST_M:
+            position[5] = 0.0
+            self.skeleton.setPositions(position)
+
     def add_rims(self) -> None:
         """Add the shapes that other robots touch: the base, and rims of the wheels.
 

@@ -22,6 +22,11 @@ RADII = np.array([limb.radius for limb in LEGS])
 """Radii of `LEGS`, as shares of the body's height."""
 
 
+SIDEWAYS = np.array((1.0, 1.0, 0.0))
+"""The directions in which limbs push robots. Nothing yields between the ground and a foot that
+comes down on a robot: the foot would shoot it aside at many times its own speed."""
+
+
 class Legs(NamedTuple):
     """The axes of the capsules `LEGS`: begins and ends (6, 3) [m], and their velocities [m/s]."""
 
@@ -134,6 +139,7 @@ def place(skeleton: Any, person: MovingPerson) -> None:
         skeleton.setCommands(person.velocity)
         return
     begins, ends, begin_velocities, end_velocities, height = person.legs
+    begin_velocities, end_velocities = begin_velocities * SIDEWAYS, end_velocities * SIDEWAYS
     along, turning = ends - begins, end_velocities - begin_velocities
     up = along[:, 2:] < 0.0  # a capsule has no direction: none is turned by more than 90°
     along, turning = np.where(up, -along, along), np.where(up, -turning, turning)

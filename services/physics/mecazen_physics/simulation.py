@@ -129,6 +129,7 @@ def _advance_group(orders: Sequence[tuple[SimulatedRobot, WheelCommand]], steps:
             chunk = min(chunk, possible)
             pushes += before
         standing = [robot.body.stand for robot in robots if robot.stands]
+        standing += [robot.body.lift for robot in robots if robot.close_people]
         for _ in range(chunk):
             for push in pushes:
                 push()
