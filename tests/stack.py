@@ -4,12 +4,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 from harness import wait
+from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.loading import load_scenario
+from mecazen.messages import ResetRequest
 from mecazen.robots import join_key
 from mecazen.runtime.pace import Receipts
 from mecazen_tools.processes import Supervisor, private_router
+from mecazen_tools.trajectory import Trajectory
 
 
 class Stack:
@@ -37,6 +40,16 @@ class Stack:
             self.supervisor.start(process)
         ready = {join_key(f"{part}/ready", robot) for part, robot in self.scenario.parts}
         self.wait(lambda: ready <= self.bus.presence.names)
+
+    def watch(self, trajectory: Trajectory) -> int:
+        """Begin the run again once this bus hears every publisher; return the number of the run.
+
+        Services do not wait for this bus, so its links may come after the first ticks.
+        """
+        self.wait(lambda: trajectory.done)
+        run = self.bus.call(keys.SIM_RESET, ResetRequest(seed=self.scenario.seed)).run
+        trajectory.reset()
+        return run
 
     def launch(self, *services: str, needed: bool = True) -> None:
         """Start services of a single robot, each in a process of its own."""

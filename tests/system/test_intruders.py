@@ -40,6 +40,7 @@ def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
     sim, config = running.scenario.sim, running.scenario.bus
     trajectory = Trajectory(running.bus, sim.tick_ns, sim.ticks, running.scenario.services)
     running.start()
+    running.watch(trajectory)
     payloads, early = PAYLOADS * scale, None
     join = partial(open_session, config, "client", "viewer")
     intruder = Intruder(join, sample_messages(tmp_path))

@@ -25,10 +25,7 @@ def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack
     sim = running.scenario.sim
     trajectory = Trajectory(running.bus, sim.tick_ns, sim.ticks, running.scenario.services)
     running.start()
-    # services do not wait for one who watches in real time, so its link may miss the first ticks
-    running.wait(lambda: trajectory.done)
-    running.bus.call(keys.SIM_RESET, ResetRequest(seed=running.scenario.seed))
-    trajectory.reset()
+    running.watch(trajectory)
     running.wait(lambda: trajectory.complete)
     assert running.bus.call(keys.SIM_STATE, Empty()).missed_deadlines == 0
     lockstep = simulate(load_scenario(SCENARIOS / "back.toml", settings), "back")[1]
