@@ -57,6 +57,12 @@ def test_without_one_who_is_silent_the_clock_goes_on_and_says_so_once(clock, zen
     assert len(caplog.records) == 2
 
 
+def test_a_reset_does_not_wait_for_one_who_is_silent(clock, caplog):
+    pace, _ = clock
+    pace.keep(TICKS_AHEAD + 1, lambda: True)
+    assert not caplog.records
+
+
 def test_receipts_of_another_run_count_nothing(clock, zenoh_pair, caplog):
     pace, taken = clock
     taken.reached(at(100, run=7))

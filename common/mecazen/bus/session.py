@@ -25,15 +25,11 @@ logger = logging.getLogger(__name__)
 
 Mode = Literal["router", "peer", "client"]
 
-RUNTIME_THREADS = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx))"
-"""Zenoh's threads in a service. A service receives few samples, in turns, and additional threads
-only wake each other: with Zenoh's default a distributed run of `back` makes 11 % fewer ticks a
-second."""
-
-ROUTER_THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
-"""Zenoh's threads in a router. A thread that waits for room on a link must not keep others from
-reading. With one thread, a router that passes queries to physics and physics that answers them wait
-for each other until Zenoh closes the link after 5 s."""
+THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
+"""Zenoh's threads in a process. One that waits for room on a link must not keep others from
+reading; nor must one that closes the link to a frozen process, which takes 10 s
+(eclipse-zenoh/zenoh, issue 1101). Zenoh's default has more threads, which wake each other: with it
+a distributed run of `back` makes 6 % fewer ticks a second."""
 
 SHARED_MEMORY = False
 """Whether Zenoh uses shared memory. That is faster only for payloads of 1 MB or more, and needs a
@@ -283,10 +279,7 @@ def open_session(
     Raises:
         BusError: A port is taken, or a client finds no router.
     """
-    threads = ROUTER_THREADS if mode == "router" else RUNTIME_THREADS
-    # Zenoh reads this in the first session; a router's parent may have opened sessions before
-    if os.environ.get("ZENOH_RUNTIME") in {None, RUNTIME_THREADS}:
-        os.environ["ZENOH_RUNTIME"] = threads
+    os.environ.setdefault("ZENOH_RUNTIME", THREADS)
     try:
         return zenoh.open(
             session_config(

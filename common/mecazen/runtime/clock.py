@@ -159,7 +159,7 @@ class Clock:
         if self.lockstep or self.paused:
             self._await_all()
             if self.lockstep:
-                self.pace.keep(self.tick + 1)
+                self.pace.keep(self.tick + 1, lambda: self.asked_reset is not None)
         elif self.tick == 0:
             # first answers take longer, so time starts only once they have arrived
             self._await_all()

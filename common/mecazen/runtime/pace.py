@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 
 from mecazen import messages as m
 from mecazen.bus import Bus
@@ -80,11 +81,14 @@ class Pace:
         self._run, self._tick = run, 0
         self._taken = dict.fromkeys(self._taken, 0)
 
-    def keep(self, tick: int) -> None:
-        """Wait before a tick while a service is too far behind, at most `patience_s`."""
+    def keep(self, tick: int, is_over: Callable[[], bool] = lambda: False) -> None:
+        """Wait before a tick while a service is too far behind, at most `patience_s`.
+
+        The wait also ends once `is_over` returns True, since the tick is no longer wanted.
+        """
         self._tick = tick
         end_s = time.monotonic() + self._patience_s
-        while behind := self._behind():
+        while (behind := self._behind()) and not is_over():
             left_s = end_s - time.monotonic()
             if left_s <= 0.0:
                 self._ignored.update(behind)
