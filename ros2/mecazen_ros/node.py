@@ -157,8 +157,10 @@ class RosNode:
                     self._publish(topic, robot, name_of(row, topic), topic, here)
             for service in SERVICES:
                 if service.call in row.calls:
-                    key, _ = self._declare("SS", here.whole(service.name), _service_type(service))
-                    self._serve(key, service.name, by_query(service, self._ask))
+                    whole, kind = here.whole(service.name), _service_type(service)
+                    respond = by_query(service, self._ask)
+                    self._serve(self._side.key(whole, *kind), service.name, respond)
+                    self._declare("SS", whole, kind)
             if keys.SET_PARAMETERS in row.calls:
                 for other in scenario.services:
                     for one in ("",) if other in SHARED else scenario.names:
@@ -223,7 +225,8 @@ class RosNode:
 
     def _take(self, topic: Topic[Any], robot: str, one: RosTopic, where: Namespace) -> None:
         """Publish samples from ROS on the plain key, without a stamp."""
-        key, _ = self._declare("MS", where.whole(one.name), _type(one.kind))
+        name, kind = where.whole(one.name), _type(one.kind)
+        key = self._side.key(name, *kind)
         refusals = Refusals(self._bus.queue, self._bus.refuse)
         source, on_bus = join_key(_source(one.name), robot), of_robot(topic, robot)
 
@@ -254,6 +257,7 @@ class RosNode:
             key, direct(receive), allowed_origin=zenoh.Locality.REMOTE
         )
         self._side.keep(subscriber)
+        self._declare("MS", name, kind)
 
     def _serve_parameters(self, service: str, robot: str, where: Namespace) -> None:
         """Answer the services for the parameters of a node, whichever process it is in."""
@@ -282,7 +286,10 @@ class RosNode:
         of: tuple[str, str],
         qos: Qos = Qos(),  # noqa: B008
     ) -> tuple[str, bytes]:
-        """Let ROS see an endpoint; return its key and its identity."""
+        """Let ROS see an endpoint; return its key and its identity.
+
+        Who sees a subscription or a service uses it at once, so it has to exist by then.
+        """
         dds, hashed = of
         token = self._node.endpoint(
             next(self._side.numbers), kind, name, dds, self._side.shown(hashed), qos
