@@ -288,7 +288,7 @@ class RosNode:
     ) -> tuple[str, bytes]:
         """Let ROS see an endpoint; return its key and its identity.
 
-        Who sees a subscription or a service uses it at once, so it has to exist by then.
+        A client may use a subscription or a service as soon as ROS sees it. So declare it first.
         """
         dds, hashed = of
         token = self._node.endpoint(

@@ -19,7 +19,7 @@ SHANK = next(limb.radius for limb in LIMBS if limb.name == "left_shank") * HEIGH
 
 
 def standing(x: float, stance: float = 0.2) -> np.ndarray:
-    """Joints (20, 3) of somebody who stands at x, feet apart by `stance` along y, heels there."""
+    """Return joints (20, 3) of a person at x, whose heels are there, `stance` apart along y."""
     joints = np.zeros((len(JOINTS), 3))
     joints[:, 0] = x
     joints[:, 2] = 1.5

@@ -132,7 +132,7 @@ class RobotBody(ABC):
             self.skeleton.setPositions(position)
 
     def lift(self) -> None:
-        """Lift a robot out of the ground into which a foot on it presses it.
+        """Lift the robot out of the ground if a foot has pressed it in.
 
         The origin of base_link is the mean of the wheels' lowest points, so no attitude of a robot
         above the ground brings it below.

@@ -20,8 +20,6 @@ _BEGINS = [INDEX[limb.begin] for limb in LEGS]
 _ENDS = [INDEX[limb.end] for limb in LEGS]
 RADII = np.array([limb.radius for limb in LEGS])
 """Radii of `LEGS`, as shares of the body's height."""
-
-
 SIDEWAYS = np.array((1.0, 1.0, 0.0))
 """The directions in which limbs push robots. Nothing yields between the ground and a foot that
 comes down on a robot: the foot would shoot it aside at many times its own speed."""
