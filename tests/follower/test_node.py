@@ -21,6 +21,8 @@ from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.pid import PoseController
+from mecazen_follower.planner import planner as planning
+from mecazen_follower.planner.mppi import Mppi
 from mecazen_follower.tracking import PersonTracker
 
 NEXUS = load_robot()
@@ -214,6 +216,16 @@ def test_after_a_gap_in_which_the_person_would_be_lost_they_are_looked_for_anew(
     # the latest time there is: no estimator may go there step by step
     _, after = follower.tick(2**31 * 100 - 3)
     assert (before.tracking, after.tracking) == ("following", "waiting")
+
+
+def test_after_a_gap_the_planner_keeps_the_seed_of_the_run(monkeypatch):
+    seeds = []
+    monkeypatch.setattr(planning, "Mppi", lambda _, seed: seeds.append(seed) or Mppi(100, seed))
+    follower = Follower(planner=PlannerConfig())
+    follower.reset(7)
+    for tick in (0, 10_000):  # 100 s: the person is lost after 2 s
+        follower.tick(tick, person=AHEAD)
+    assert seeds[-2:] == [7, 7]
 
 
 def test_a_new_run_forgets_the_person():

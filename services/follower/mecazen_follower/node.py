@@ -97,6 +97,7 @@ class FollowerNode(Node):
 
     def reset(self, seed: int) -> None:
         """Discard the person and the robot's past poses."""
+        self._seed = seed
         sensor, drive = self.sensor, Drive.of(self.scenario)
         view = view_of(self.scenario, sensor, self.config)
         # scans wait for camera frames, which arrive later
@@ -116,7 +117,7 @@ class FollowerNode(Node):
         """Return the state of a tick and its command."""
         period_s = tick.period_s
         if period_s > self.config.lost_after_s:
-            self.reset(0)  # the last estimate is too old for a prediction
+            self.reset(self._seed)  # the last estimate is too old for a prediction
             period_s = self.scenario.sim.tick_s
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
