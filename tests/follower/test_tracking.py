@@ -75,3 +75,22 @@ def test_before_the_person_is_known_they_are_taken_to_head_as_the_robots_place_a
     person = people.step(0.0, Frame(0.0, [Measurement(HERE, BLIND)]), Pose2D(1.0, 0.0, 1.0))
     assert person.pose.yaw == pytest.approx(1.0)
     assert math.degrees(math.sqrt(person.covariance[2][2])) == pytest.approx(45.0)
+
+
+def test_one_late_frame_does_not_delay_the_estimate_for_ever():
+    def coasted(*, late_s):
+        """Return the variance of x 1 s after the last frame of a person who walks at 1 m/s."""
+        people = PersonTracker(FollowerConfig(estimator="kf_cv"), SensorConfig())
+        for tick in range(500):
+            time, captured = tick / 100, None
+            if tick % 4 == 0 and tick < 400 and not 100 <= tick < 150:
+                captured = time
+            elif tick == 150:
+                captured = time - late_s
+            seen = captured is not None and [Measurement(Pose2D(captured), SURE)]
+            person = people.step(time, Frame(captured, seen) if seen else None, Pose2D())
+        return person.covariance[0][0]
+
+    # the filter has forgotten the gap after 2.5 s; a clock that is 0.4 s late would give less than
+    # half, as the variance grows with the third power of the time without a frame
+    assert coasted(late_s=0.4) == pytest.approx(coasted(late_s=0.0), rel=1e-3)

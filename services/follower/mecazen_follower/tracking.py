@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import NamedTuple
@@ -18,6 +19,11 @@ from mecazen_follower.noise import ReportedNoise
 
 MISSED_FRAMES = 1.5
 """Number of sensor periods without an observation after which a frame counts as missed."""
+
+FRAMES = 25
+"""Number of newest frames whose greatest latency is the estimator's delay."""
+ROUNDING_S = 1e-6
+"""Differences of latencies below this are rounding [s]."""
 
 BIAS_STD = {
     "body": (0.018, math.radians(5.4)),
@@ -58,8 +64,8 @@ class Frame(NamedTuple):
 class PersonTracker:
     """Estimates the person from frames that show any people in any order, and that arrive late.
 
-    The estimator's time is that of the captures: it is behind the present by the latency of the
-    frames, which their stamps show. The returned estimate is propagated by this latency.
+    The estimator's time is that of the captures: it is behind the present by the greatest latency
+    of the last frames, which their stamps show. The returned estimate is propagated by this delay.
 
     Args:
         config: The follower's configuration.
@@ -81,7 +87,8 @@ class PersonTracker:
         self._bias = BIAS_STD.get(sensor.kind)
         self._association = Association(2.0 * self._lost_after)
         self._noise = ReportedNoise()
-        self._latency = sensor.latency_s
+        self._latency = self._least_latency = sensor.latency_s
+        self._latencies: deque[float] = deque(maxlen=FRAMES)
         self._time: float | None = None
         """The estimator's time [s]."""
         self._captured = {True: -math.inf, False: -math.inf}
@@ -149,7 +156,10 @@ class PersonTracker:
         if not begins and (lost or self.estimator.estimate is None):
             return False
         self._captured[begins] = captured
-        self._latency = max(self._latency, time - captured)
+        self._latencies.append(time - captured)
+        latency = max(self._least_latency, *self._latencies)
+        if not -ROUNDING_S <= latency - self._latency <= 0.0:
+            self._latency = latency
         self._predict(captured)
         person = self.estimator.estimate
         if not self.estimator.predicts:
