@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from mecazen.config.follower import Gains, PidControl
-from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 
 
 class PID:
-    """u = feed-forward + kp e + ki ∫e dt - kd dm/dt, limited, with anti-windup.
+    """u = feed-forward + kp e + ki ∫e dt + kd de/dt, limited, with anti-windup.
 
-    The derivative acts on the measurement m and not on the error, so a step of the reference
-    gives no kick. The caller passes the rate of m, so angles need no unwrapping here.
+    Without feed-forward, equation 3 of "A Virtual Mecanum Wheeled Robot ROS Simulator ...", which
+    has no limit. The caller passes de/dt, so angles need no unwrapping here.
 
     Anti-windup by conditional integration: while the output is saturated, an error that would
     push it further is not integrated.
@@ -21,14 +21,14 @@ class PID:
         self._integral = 0.0
 
     def update(self, error: float, rate: float, dt: float, feed_forward: float = 0.0) -> float:
-        """Return the output for `error` = reference - measurement, after `dt` [s].
+        """Return the output for an error, `dt` [s] after the last one.
 
-        `rate` is the derivative of the measurement; `feed_forward` has the unit of the output
-        and counts towards its limit.
+        `rate` is the derivative of the error; `feed_forward` has the unit of the output and counts
+        towards its limit.
         """
         gains = self.gains
         integral = self._integral + gains.ki * error * dt
-        output = feed_forward + gains.kp * error + integral - gains.kd * rate
+        output = feed_forward + gains.kp * error + integral + gains.kd * rate
         if abs(output) <= gains.limit or output * error < 0.0:
             self._integral = integral
         return min(max(output, -gains.limit), gains.limit)
@@ -41,13 +41,10 @@ class PID:
 class PoseController:
     """PIDs for linear x, linear y and angular z in base_link, on the error of the goal pose.
 
-    The derivative acts on the robot's body twist, taken from two consecutive poses. The goal's
-    pose, which jumps with every observation, does not affect it, nor does the goal's apparent
-    motion in base_link when the robot turns.
+    The derivative is the change of this error since the last call. It includes the jump of the goal
+    with every observation, and the goal's apparent motion in base_link when the robot turns.
 
-    With feed-forward, the goal's velocity is added to the output and subtracted from the
-    measured rate, so the derivative damps only deviations from it. Without feed-forward the
-    derivative opposes steady following, and the integral has to compensate.
+    With feed-forward, the goal's velocity is added to the output.
 
     Integrals are in base_link, where slip and the lag in a steady turn are constant.
     """
@@ -56,6 +53,7 @@ class PoseController:
         self._x, self._y, self._yaw = PID(law.x), PID(law.y), PID(law.yaw)
         self._feed_forward = law.feed_forward
         self._last: Pose2D | None = None
+        """The last error."""
 
     def configure(self, law: PidControl) -> None:
         """Continue with other gains."""
@@ -73,16 +71,13 @@ class PoseController:
         if self._feed_forward:
             x, y = rotate(goal_velocity.x, goal_velocity.y, -robot.yaw)
             expected = Twist2D(x, y, goal_velocity.yaw)
-        # at the first call the twist is unknown: no damping
-        measured = expected
-        if self._last is not None:
-            moved = self._last.between(robot)
-            measured = Twist2D(moved.x / dt, moved.y / dt, moved.yaw / dt)
-        self._last = robot
+        # at the first call the derivative is unknown
+        last = error if self._last is None else self._last
+        self._last = error
         return Twist2D(
-            self._x.update(error.x, measured.x - expected.x, dt, expected.x),
-            self._y.update(error.y, measured.y - expected.y, dt, expected.y),
-            self._yaw.update(error.yaw, measured.yaw - expected.yaw, dt, expected.yaw),
+            self._x.update(error.x, (error.x - last.x) / dt, dt, expected.x),
+            self._y.update(error.y, (error.y - last.y) / dt, dt, expected.y),
+            self._yaw.update(error.yaw, wrap(error.yaw - last.yaw) / dt, dt, expected.yaw),
         )
 
     def resume(self, twist: Twist2D) -> None:
