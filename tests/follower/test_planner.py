@@ -1,15 +1,21 @@
 """The planner: the way it takes in a flat world, and what it says of it."""
 
 import math
+from collections import deque
 
 import pytest
-from follower.rooms import BODY, follow, legs, planner_of, scan, standing, wall
+from follower.rooms import BODY, DRIVE, TICK, follow, legs, planner_of, scan, standing, wall
+from mecazen.config import SensorConfig
 from mecazen.config.follower import PidControl
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.standoff import Standoff
+from mecazen_follower.following import Following
+from mecazen_follower.measurement import Measurement
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of
+from mecazen_follower.tracking import Frame
 
 ORIGIN = Pose2D()
+SURE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))
 
 
 def test_the_trail_leads_round_the_corner_that_the_person_took():
@@ -119,6 +125,32 @@ def test_somebody_who_comes_across_is_let_pass():
     assert met < 0.5
     assert min(gap for *_, gap in way) > math.hypot(BODY.length, BODY.width)
     assert way[-1][2] == "open"
+
+
+@pytest.mark.parametrize("beside", [[], [(0.9, 0.5)]], ids=["alone", "with a walker"])
+def test_robot_person_and_walkers_are_predicted_over_the_same_dead_time(beside):
+    # At 1.3 m/s and 0.5 s all three are 0.65 m farther when the robot responds. Any of them at
+    # another time is in the way: the person's legs, or the walker, who keeps 1.03 m away.
+    config, planner = planner_of({"response_s": 0.5, "standoff_m": 1.2})
+    following = Following(config, SensorConfig(), DRIVE, planner=planner)
+    speed, plans = Twist2D(1.3), []
+    robot, twist, sent = Pose2D(), speed, deque([speed] * 10)
+    for tick in range(60):
+        time, x = TICK * tick, 1.3 * TICK * tick
+        person = Pose2D(x + 1.2, 0.0)
+        planner.see(time, scan(robot, walkers_at(x, [(1.2, 0.0), *beside])), robot)
+        frame = Frame(time, (Measurement(person, SURE),))
+        step = following.step(time, TICK, robot, frame)
+        plans.append(step.plan.state)
+        sent.append(step.command)
+        twist = DRIVE.step(twist, sent.popleft(), 2.0, TICK)
+        robot = robot.integrate(twist, TICK)
+    # the estimate has no velocity at first
+    assert set(plans[20:]) == {"open"}
+
+
+def walkers_at(x, places):
+    return [leg for ahead, left in places for leg in legs(x + ahead, left)]
 
 
 def test_the_same_seed_gives_the_same_way():

@@ -126,7 +126,7 @@ class Following:
         command = self._controller.command(goal, velocity, robot, dt)
         if self.planner is None:
             return command
-        planned = self.planner.command(time, dt, person, robot, command)
+        planned = self.planner.command(time + self._response, dt, person, robot, command)
         if planned is not command:
             self._controller.resume(planned)
         return planned

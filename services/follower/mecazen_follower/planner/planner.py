@@ -67,7 +67,9 @@ class Planner:
         self.rest()
         self.surroundings = Surroundings()
         self._trail = Trail()
-        self._person: Pose2D | None = None
+        self._person: Estimate | None = None
+        self._time = 0.0
+        """Time of the person's estimate [s]."""
 
     def rest(self) -> None:
         """Drop the plan: the robot stands, or turns on the spot."""
@@ -82,13 +84,17 @@ class Planner:
         Before the person is known, scans are ignored: the person's legs would count as obstacles.
         """
         if self._person is not None:
-            self.surroundings.see(time, scan, lidar, self._person)
+            person = self._person.after(time - self._time)
+            self.surroundings.see(time, scan, lidar, person.pose)
 
     def command(
         self, time: float, dt: float, person: Estimate, robot: Pose2D, nominal: Twist2D
     ) -> Twist2D:
-        """Return the twist in base_link for now: `nominal`, unchanged, if no obstacle is near."""
-        self._person = person.pose
+        """Return the twist in base_link: `nominal`, unchanged, if no obstacle is near.
+
+        `person` and `robot` are those of `time` [s], at which the robot responds to the command.
+        """
+        self._person, self._time = person, time
         self._trail.add(person.pose, self._standoff.distance)
         if time - self._planned > 1.0 / self._config.rate_hz - 1e-6:
             elapsed = time - self._planned
