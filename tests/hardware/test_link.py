@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import tty
+from itertools import pairwise
 
 import pytest
 from hardware.stand import MOTION, ROBOT, config, emulated, until
@@ -91,6 +92,31 @@ def test_of_frames_that_follow_too_soon_the_newest_is_sent_once_the_board_can_ta
                 link.drive(WheelSpeeds(*[speed] * 4))
             until(lambda: link.sent == sent + 2)
             until(lambda: emulator.firmware.goal == pytest.approx([8.0 * 32.5] * 4, abs=1.0))
+        finally:
+            link.close()
+
+
+def test_a_request_for_reports_keeps_the_spacing_and_the_waiting_frame(monkeypatch):
+    with emulated() as emulator:
+        link = open_link(config(emulator), ROBOT)
+        written, write = [], link.port.write
+        monkeypatch.setattr(link.board, "poll", lambda: b"reports")
+        monkeypatch.setattr(
+            link.port,
+            "write",
+            lambda frame: written.append((time.monotonic(), frame)) or write(frame),
+        )
+        try:
+            speeds = [WheelSpeeds(*[speed] * 4) for speed in (2.0, 8.0)]
+            for speed in speeds:
+                link.drive(speed)
+            link.poll()
+            until(lambda: len(written) == 3)
+            slow, fast = (link.board.drive(speed)[0] for speed in speeds)
+            assert [frame for _, frame in written] == [slow, fast, b"reports"]
+            times = [at_s for at_s, _ in written]
+            gaps = [after - before for before, after in pairwise(times)]
+            assert min(gaps) >= link.board.SPACING_S
         finally:
             link.close()
 

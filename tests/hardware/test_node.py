@@ -137,7 +137,7 @@ def test_a_low_battery_stops_the_motors_before_the_board_switches_itself_off():
         run.drive(2.0, Twist2D(0.5, 0.0, 0.0))
         assert not any(emulator.firmware.goal)
         assert not emulator.firmware.is_latched
-        assert "battery at 9.0 V" in run.health["warning/motors"]
+        assert "battery was at 9.0 V" in run.health["warning/motors"]
 
 
 def test_a_board_that_falls_silent_is_told_to_stop_and_then_given_up():

@@ -68,8 +68,10 @@ class Link:
         self._failure: HardwareError | None = None
         self._output = threading.Condition()
         """Lock of the port's output."""
-        self._waiting: tuple[bytes, bytes] | None = None
-        """The newest frame that came too soon, and its heartbeat byte for the keeper."""
+        self._waiting: dict[bool, tuple[bytes, bytes]] = {}
+        """Frames that came too soon, each with its heartbeat byte for the keeper.
+
+        The newest request for reports is at False, the newest frame for the motors at True."""
         self._news = threading.Condition()
         self._reports: list[tuple[Report, float]] = []
         self._newest: dict[type[Report], tuple[Report, float]] = {}
@@ -118,12 +120,7 @@ class Link:
         frame, sent = self.board.drive(speeds)
         sign = keeper.DRIVE if any(sent) else keeper.STOP
         self._refuse_failure()
-        with self._output:
-            if self._wait_s > 0.0:
-                self._waiting = frame, sign
-                self._output.notify_all()
-            else:
-                self._write(frame, sign)
+        self._post(frame, sign)
         return sent
 
     def stop(self) -> None:
@@ -136,7 +133,7 @@ class Link:
             self.ask(frame)
 
     def ask(self, frame: bytes, sign: bytes = keeper.STOP) -> None:
-        """Send a frame as soon as the board can take one; it replaces a waiting frame.
+        """Send a frame for the motors as soon as the board can take one; it replaces a waiting one.
 
         Raises:
             HardwareError: The port has gone.
@@ -150,9 +147,9 @@ class Link:
         Raises:
             HardwareError: The port has gone.
         """
+        self._refuse_failure()
         if frame := self.board.poll():
-            with self._output:
-                self._write(frame)
+            self._post(frame)
 
     def close(self) -> None:
         """Stop the motors, even after a failure, and close the port."""
@@ -180,10 +177,18 @@ class Link:
         """Time until the board can take a frame [s]."""
         return self._written_s + self.board.SPACING_S - time.monotonic()
 
+    def _post(self, frame: bytes, sign: bytes = b"") -> None:
+        """Write a frame, or let it wait for those before it and until the board can take it."""
+        with self._output:
+            if self._waiting or self._wait_s > 0.0:
+                self._waiting[bool(sign)] = frame, sign
+                self._output.notify_all()
+            else:
+                self._write(frame, sign)
+
     def _send(self, frame: bytes, sign: bytes) -> None:
         """Write a frame as soon as the board can take one; it replaces a waiting frame."""
         with self._output:
-            self._waiting = None
             time.sleep(max(self._wait_s, 0.0))
             self._write(frame, sign)
 
@@ -192,7 +197,7 @@ class Link:
 
         Without a keeper only frames that stop the motors are written.
         """
-        self._waiting = None
+        self._waiting.pop(bool(sign), None)
         if self._heartbeat is not None and sign:
             try:
                 os.write(self._heartbeat, sign)
@@ -209,16 +214,16 @@ class Link:
         self._written_s = time.monotonic()  # the time after the write keeps the gap
 
     def _write_late(self) -> None:
-        """Write a waiting frame once the board can take it."""
+        """Write each waiting frame once the board can take it, the oldest kind first."""
         with self._output:
             while not self._closing:
-                if self._waiting is None:
+                if not self._waiting:
                     self._output.wait()
                 elif (wait_s := self._wait_s) > 0.0:
                     self._output.wait(wait_s)
                 else:
                     try:
-                        self._write(*self._waiting)
+                        self._write(*next(iter(self._waiting.values())))
                     except HardwareError as failure:
                         self._failure = failure
                         return

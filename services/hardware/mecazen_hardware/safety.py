@@ -28,7 +28,8 @@ class Safety:
         self.volts = math.nan
         """The newest voltage [V]."""
         self._low_since_s = math.inf
-        self._is_empty = False
+        self._empty_volts = math.nan
+        """The voltage that stopped the motors [V]; NaN if the battery was never low for long."""
 
     def measured(self, volts: float, now_s: float) -> None:
         """Update with the voltage of the battery [V] at `now_s` [s]."""
@@ -37,7 +38,8 @@ class Safety:
             self._low_since_s = math.inf
         else:
             self._low_since_s = min(self._low_since_s, now_s)
-        self._is_empty |= now_s - self._low_since_s >= LOW_FOR_S
+        if math.isnan(self._empty_volts) and now_s - self._low_since_s >= LOW_FOR_S:
+            self._empty_volts = volts
 
     def reason(self, command_age_s: float, report_age_s: float) -> str:
         """Return the reason to stop the motors; empty if they may run.
@@ -48,8 +50,9 @@ class Safety:
         """
         if self.is_engaged:
             return "emergency stop; emergency_stop/release lets it drive again"
-        if self._is_empty:
-            return f"battery at {self.volts:.1f} V; {self._config.min_voltage_v:g} V is the least"
+        if not math.isnan(self._empty_volts):
+            least = self._config.min_voltage_v
+            return f"battery was at {self._empty_volts:.1f} V; {least:g} V is the least"
         if report_age_s > self._config.report_timeout_s:
             return "no report of the board"
         if command_age_s > STOP_AFTER_S:
