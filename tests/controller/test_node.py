@@ -199,13 +199,27 @@ def test_a_missing_wheel_is_an_error_at_first_and_refused_later(speeds, names):
     assert moved(wheels.measure(7, (2.0,) * 4)).x == pytest.approx(0.007)
 
 
-def test_over_missed_ticks_the_angles_of_the_wheels_say_how_far_they_went():
+# At 20 rad/s² from rest the wheels turn ½ 20 t² = 0.001 rad in the first tick of 10 ms, and
+# the speed at its end, 0.2 rad/s, would say 0.002. The wheels turn at most 40 rad/s.
+@pytest.mark.parametrize(
+    ("measured", "turned"),
+    [
+        ([(0, 0.0, 0.0), (1, 0.2, 0.001), (2, 0.4, 0.004)], 0.004),
+        ([(0, 2.0, 0.0), (1, 2.0, 0.02), (51, 0.0, 0.52)], 0.52),  # they stand now
+        ([(0, 2.0, 3.13), (1, 2.0, 3.15 - math.tau), (2, 2.0, 3.17 - math.tau)], 0.04),
+        ([(0, 2.0, 700.0), (1, 2.0, 0.0), (2, 2.0, 0.02)], 0.04),  # the counter started again
+        ([(0, 2.0, 0.0), (1, 2.0, None), (2, 2.0, 0.04), (3, 2.0, 0.05)], 0.05),
+    ],
+    ids=["speeding up", "missed ticks", "wrapped", "restarted", "without angles"],
+)
+def test_the_angles_of_the_wheels_say_how_far_they_went(measured, turned):
     wheels = Wheels()
-    for tick, speed, angle in ((0, 2.0, 0.0), (1, 2.0, 0.02), (51, 0.0, 0.52)):
-        state = m.JointState(name=WHEEL_JOINTS, position=(angle,) * 4, velocity=(speed,) * 4)
+    for tick, speed, angle in measured:
+        position = () if angle is None else (angle,) * 4
+        state = m.JointState(name=WHEEL_JOINTS, position=position, velocity=(speed,) * 4)
         odom = wheels.step(tick, {keys.JOINT_STATES: state})[keys.ODOM]
-    assert moved(odom).x == pytest.approx(0.52 * 0.05)  # though they stand now
-    assert odom.twist.twist.to_planar() == Twist2D()
+    assert moved(odom).x == pytest.approx(turned * 0.05)
+    assert odom.twist.twist.to_planar() == pytest.approx(Twist2D(speed * 0.05))
 
 
 def test_odometry_is_scaled_and_says_how_certain_it_is():

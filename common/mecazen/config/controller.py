@@ -69,7 +69,7 @@ class ControllerConfig(Section):
     update_rate_hz: Positive | None = None
     """Rate of the odometry; it divides the tick rate. Left out: at every tick."""
     odometry: Literal["wheel", "ground_truth"] = "wheel"
-    """Source of the odometry: the measured wheel speeds, integrated, or the simulator's truth."""
+    """Source of the odometry: the wheels' measured angles, or the simulator's truth."""
     wheel_joints: Annotated[tuple[Name, ...], msgspec.Meta(min_length=4, max_length=4)] = (
         WHEEL_JOINTS
     )

@@ -28,9 +28,12 @@ from mecazen.row import Row, every
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import NS_PER_S, RefusedError
 
+FASTER = 1.5
+"""Multiple of the wheels' maximum speed beyond which a change of an angle is no motion."""
+
 
 class OdometryNode(Node):
-    """Odometry from the measured wheel speeds, or the ground truth of the simulator."""
+    """Odometry from the wheels' angles and speeds, or the ground truth of the simulator."""
 
     ROW = TABLE["odometry"]
 
@@ -91,17 +94,19 @@ class OdometryNode(Node):
         return self._odometry()
 
     def _move(self, speeds: WheelSpeeds, angles: tuple[float, ...]) -> None:
-        """Move the pose as the wheels turned since the last measurement.
+        """Move the pose by the angles through which the wheels turned since the last measurement.
 
-        Over one tick, the present wheel speeds are used. Over missed ticks, the mean speeds are
-        used, which follow from the wheel angles.
+        The present speeds replace angles that are missing, and angles that no motion explains,
+        because a counter wrapped or started again.
         """
         self.twist = mean = self._scaled(speeds)
         last_ns = self.time.ns if self.measured_ns is None else self.measured_ns
         moved_s = (self.time.ns - last_ns) / NS_PER_S
-        if self.angles and angles and moved_s > self.scenario.sim.tick_s + ROUNDING_S:
-            turned = zip(angles, self.angles, strict=True)
-            mean = self._scaled(WheelSpeeds(*((now - then) / moved_s for now, then in turned)))
+        if self.angles and angles and moved_s > 0.0:
+            pairs = zip(angles, self.angles, strict=True)
+            turning = WheelSpeeds(*((now - last) / moved_s for now, last in pairs))
+            if max(map(abs, turning)) <= FASTER * self.scenario.robot.wheels.max_speed_rad_s:
+                mean = self._scaled(turning)
         self.pose = self.pose.integrate(mean, moved_s)
         self.angles = angles
 
