@@ -43,7 +43,7 @@ def explain(
         problem = f"missing; must be {describe(_fields(node).get(missing[1], node))}"
         trail = [*trail, missing[1]]
     elif not own_words:
-        problem = f"got {show(value)}; allowed: {describe(node)}"
+        problem = f"got {show(value)}; allowed: {describe(node)}{_unit(trail, value, node)}"
     elif not isinstance(node, mi.StructType):
         problem += f"; allowed: {describe(node)}"
     key = ".".join([prefix, *trail] if prefix else trail)
@@ -56,6 +56,16 @@ def _elsewhere(key: str) -> list[str]:
     """Return the keys of this name in the scenario's sections, with their sections."""
     sections = _fields(mi.type_info(Scenario)).items()
     return [f"{name}.{key}" for name, node in sections if key in _fields(node)]
+
+
+def _unit(trail: list[str], value: Any, node: mi.Type) -> str:
+    """Return a hint at the unit if a thousandth of a number that is too large is allowed."""
+    most = getattr(node, "le", None)
+    if most is not None and isinstance(value, int | float) and most < abs(value) <= 1000.0 * most:
+        for suffix, unit in (("_m", "millimetres"), ("_kg", "grams")):
+            if any(key.endswith(suffix) for key in trail):
+                return f"; {value:g} looks like {unit}"
+    return ""
 
 
 def one_line(text: str) -> str:

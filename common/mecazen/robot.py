@@ -12,34 +12,36 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
+from mecazen.schema import AngleDeg, Length, Mass, NonNegative, Positive, Section, WheelRadius
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """The order of the wheels in all tuples."""
+
+Position = Annotated[float, msgspec.Meta(ge=-5.0, le=5.0)]
 
 
 class Base(Section):
     """The body between the wheels: a box."""
 
-    length_m: Positive
-    width_m: Positive
-    height_m: Positive
-    clearance_m: Positive
+    length_m: Length
+    width_m: Length
+    height_m: Length
+    clearance_m: Length
     """Height of the box's underside above the ground."""
-    mass_kg: Positive
+    mass_kg: Mass
 
 
 class Wheels(Section):
     """The four wheels; the hub is the wheel without its rollers."""
 
-    radius_m: Positive
+    radius_m: WheelRadius
     """Radius of the circle that the rollers form together."""
-    wheelbase_m: Positive
+    wheelbase_m: Length
     """Distance between the front and the rear axle."""
-    track_m: Positive
+    track_m: Length
     """Distance between the centre planes of the left and the right wheels."""
-    hub_mass_kg: Positive
-    hub_width_m: Positive
+    hub_mass_kg: Mass
+    hub_width_m: Length
     max_torque_nm: Positive
     max_speed_rad_s: Positive
 
@@ -71,9 +73,9 @@ class Rollers(Section):
     """The rollers of each wheel, all alike."""
 
     count: Annotated[int, msgspec.Meta(ge=4, le=40)]
-    max_radius_m: Positive
+    max_radius_m: WheelRadius
     """Radius of a roller at its middle."""
-    mass_kg: Positive
+    mass_kg: Mass
     bearing_friction_nms: NonNegative
     """Viscous friction of a roller's bearing [N·m·s/rad]."""
     angle_deg: Annotated[float, msgspec.Meta(ge=10.0, le=80.0)] = 45.0
@@ -90,10 +92,10 @@ class Rollers(Section):
 class Attachment(Section):
     """A sensor's housing on the base; `position_m` is its centre in base_link."""
 
-    size_m: tuple[Positive, ...]
+    size_m: tuple[Length, ...]
     """A box: length, width, height. A cylinder: radius, height."""
-    position_m: tuple[Finite, Finite, Finite]
-    mass_kg: Positive
+    position_m: tuple[Position, Position, Position]
+    mass_kg: Mass
 
 
 class Camera(Attachment):
@@ -115,10 +117,10 @@ class Camera(Attachment):
 class Payload(Section):
     """A load that is fixed on the base: a homogeneous box."""
 
-    mass_kg: Positive
-    position_m: tuple[Finite, Finite, Finite]
+    mass_kg: Mass
+    position_m: tuple[Position, Position, Position]
     """Its centre in base_link."""
-    size_m: tuple[Positive, Positive, Positive] = (0.2, 0.2, 0.2)
+    size_m: tuple[Length, Length, Length] = (0.2, 0.2, 0.2)
     """Length, width, height."""
 
 
@@ -136,11 +138,36 @@ class Robot(Section):
     """None: ideal motors, which follow their commands at once."""
 
     def __post_init__(self) -> None:
-        wheel, roller = self.wheels, self.rollers
+        base, wheel, roller = self.base, self.wheels, self.rollers
         if roller.max_radius_m >= wheel.radius_m / 2:
             raise ValueError(
                 f"rollers.max_radius_m = {roller.max_radius_m} must be below half of "
                 f"wheels.radius_m = {wheel.radius_m}"
+            )
+        # Two rollers meet at π/N from their middles. The wheel's circle, there R cos π/N below the
+        # axle, must be below the roller's axis, which is R - r below the axle.
+        thinnest = wheel.radius_m * (1.0 - math.cos(math.pi / roller.count))
+        if roller.max_radius_m <= thinnest:
+            raise ValueError(
+                f"rollers.max_radius_m = {roller.max_radius_m} must be above {thinnest:.4g}: "
+                f"{roller.count} thinner rollers on a wheel of wheels.radius_m = {wheel.radius_m} "
+                "do not form a circle"
+            )
+        if wheel.wheelbase_m <= 2.0 * wheel.radius_m:
+            raise ValueError(
+                f"wheels.wheelbase_m = {wheel.wheelbase_m} must be above "
+                f"{2.0 * wheel.radius_m:.4g}: front and rear wheels would overlap"
+            )
+        if wheel.track_m <= max(wheel.hub_width_m, base.width_m - wheel.hub_width_m):
+            raise ValueError(
+                f"wheels.track_m = {wheel.track_m}: the wheels would be inside the base, which is "
+                "between them; with this base.width_m and wheels.hub_width_m it must be at least "
+                f"{base.width_m + wheel.hub_width_m:.4g}"
+            )
+        if base.clearance_m >= wheel.radius_m:
+            raise ValueError(
+                f"base.clearance_m = {base.clearance_m} must be below wheels.radius_m = "
+                f"{wheel.radius_m}: the base holds the axles"
             )
         if roller.hull_spheres % 2 == 0:
             raise ValueError(

@@ -18,6 +18,11 @@ Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e9)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e9)]
 Finite = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 Probability = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+Length = Annotated[float, msgspec.Meta(gt=0.0, le=5.0)]
+"""Length of a part of a robot [m]; millimetres are out of range."""
+WheelRadius = Annotated[float, msgspec.Meta(gt=0.0, le=0.5)]
+Mass = Annotated[float, msgspec.Meta(gt=0.0, le=2000.0)]
+"""Mass of a part of a robot [kg]; a platform for heavy loads has 1 t."""
 AngleDeg = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 
 

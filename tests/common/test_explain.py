@@ -88,6 +88,34 @@ def test_when_a_value_is_wrong_expect_file_key_and_what_is_allowed(write_scenari
             "wheels.radius_m: robot: rollers.max_radius_m = 0.0095 must be below half of "
             "wheels.radius_m = 0.01",
         ),
+        (
+            "robot.wheels.radius_m=47.5",
+            "wheels.radius_m: got 47.5; allowed: a number > 0 and <= 0.5; 47.5 looks like millimet",
+        ),
+        (
+            "robot.camera.position_m=[-160, 0, 150]",
+            "camera.position_m: robot.camera.position_m.0: got -160; allowed: a number >= -5 "
+            "and <= 5; -160 looks like millimetres",
+        ),
+        (
+            "robot.base.mass_kg=12000",
+            "base.mass_kg: got 12000; allowed: a number > 0 and <= 2000; 12000 looks like grams",
+        ),
+        # the base of 0.24 m and half a hub of 0.04 m on either side
+        (
+            "robot.wheels.track_m=0.1",
+            "wheels.track_m: robot: wheels.track_m = 0.1: the wheels would be inside the base, "
+            "which is between them; with this base.width_m and wheels.hub_width_m it must be at "
+            "least 0.28",
+        ),
+        (
+            "robot.wheels.wheelbase_m=0.09",
+            "wheels.wheelbase_m: robot: wheels.wheelbase_m = 0.09 must be above 0.1: front",
+        ),
+        (
+            "robot.base.clearance_m=0.06",
+            "base.clearance_m: robot: base.clearance_m = 0.06 must be below wheels.radius_m = 0.05",
+        ),
         ("robot.lidar.size_m=[1.0]", "lidar.size_m: robot: lidar.size_m must be [radius, height]"),
     ],
 )

@@ -15,7 +15,7 @@ def robot():
     robot = load_robot()
     wheels = replace(robot.wheels, wheelbase_m=0.4, track_m=0.3, radius_m=0.05, hub_width_m=0.04)
     base = replace(robot.base, length_m=0.3, width_m=0.2, height_m=0.1, clearance_m=0.04)
-    rollers = replace(robot.rollers, count=4, max_radius_m=0.01)
+    rollers = replace(robot.rollers, count=4, max_radius_m=0.02)
     camera = Camera(size_m=(0.1, 0.1, 0.06), position_m=(0.0, 0.0, 0.2), mass_kg=0.1)
     lidar = replace(robot.lidar, position_m=(0.0, 0.0, 0.15), size_m=(0.03, 0.04))
     parts = {"wheels": wheels, "base": base, "rollers": rollers, "camera": camera}
@@ -24,13 +24,36 @@ def robot():
 
 def test_the_footprint_holds_wheels_base_and_payload(robot):
     # along: 0.2 m to the axle and a radius; across: 0.15 m to the wheel's middle and a radius,
-    # since its rollers reach only (0.05 - 0.01) tan(45°) / tan(45°) + 0.01 = 0.05 m
+    # since its rollers reach only (0.05 - 0.02) tan(45°) / tan(45°) + 0.02 = 0.05 m
     assert robot.footprint == pytest.approx((0.25, 0.2))
-    # steeper rollers reach further: 0.04 / tan(30°) + 0.01
+    # steeper rollers reach further: 0.03 / tan(30°) + 0.02
     steep = replace(robot, rollers=replace(robot.rollers, angle_deg=30.0))
-    assert steep.footprint[1] == pytest.approx(0.15 + 0.04 * math.sqrt(3.0) + 0.01)
+    assert steep.footprint[1] == pytest.approx(0.15 + 0.03 * math.sqrt(3.0) + 0.02)
     load = Payload(mass_kg=1.0, position_m=(-0.3, 0.0, 0.2), size_m=(0.2, 0.5, 0.2))
     assert replace(robot, payload=load).footprint == pytest.approx((0.4, 0.25))
+
+
+# Rollers meet π/N from their middles. There the wheel's circle is R cos(π/N) below the axle, and a
+# roller's axis, straight and level, R - r: 0.0475 (1 - cos 30°) = 6.364 mm, 0.05 (1 - cos 45°) =
+# 14.645 mm, 0.1015 (1 - cos 15°) = 3.459 mm.
+@pytest.mark.parametrize(
+    ("radius", "count", "thick", "thin", "needed"),
+    [
+        (0.0475, 6, 0.0064, 0.0063, "0.006364"),
+        (0.05, 4, 0.0147, 0.0146, "0.01464"),
+        (0.1015, 12, 0.0035, 0.0034, "0.003459"),
+    ],
+)
+def test_rollers_too_thin_for_a_circle_are_refused(robot, radius, count, thick, thin, needed):
+    wheels = replace(robot.wheels, radius_m=radius)
+
+    def wheel_of(roller):
+        rollers = replace(robot.rollers, count=count, max_radius_m=roller)
+        return replace(robot, wheels=wheels, rollers=rollers)
+
+    assert wheel_of(thick).rollers.count == count
+    with pytest.raises(ValueError, match=f"max_radius_m = {thin} must be above {needed}: "):
+        wheel_of(thin)
 
 
 def test_the_height_is_that_of_the_highest_part(robot):

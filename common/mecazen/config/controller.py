@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from mecazen.robot import WHEEL_JOINTS
-from mecazen.schema import Live, NonNegative, Positive, Section
+from mecazen.schema import Length, Live, NonNegative, Positive, Section, WheelRadius
 
 Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
 """A key without wildcards, on which samples can be published."""
@@ -74,11 +74,11 @@ class ControllerConfig(Section):
         WHEEL_JOINTS
     )
     """Joints of the front left, front right, rear left and rear right wheel."""
-    half_wheelbase_m: Positive | None = None
+    half_wheelbase_m: Length | None = None
     """Half the distance between the axles; left out: from the robot file."""
-    half_track_m: Positive | None = None
+    half_track_m: Length | None = None
     """Half the distance between left and right wheels; left out: from the robot file."""
-    wheel_radius_m: Positive | None = None
+    wheel_radius_m: WheelRadius | None = None
     """Left out: from the robot file."""
     odometry_scale: OdometryScale = OdometryScale()
     pose_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
