@@ -1,5 +1,7 @@
 """The crowd as a node: the persons that it reports, the ticks, and the limits of a scenario."""
 
+import math
+
 import msgspec
 import pytest
 from harness import SCENARIOS, Steps, error_of
@@ -54,6 +56,17 @@ def test_everybody_is_told_of_at_the_rate_of_the_skeleton():
     assert frame.persons[2].pose.position.x == pytest.approx(0.04)
     assert [one.name for one in frame.robots] == ["robot"]
     assert frame.robots[0].pose.position.x == -1.0
+
+
+@pytest.mark.parametrize("ticks", [[1000], [40], [0, 300], [0, 2, 48]])
+def test_after_a_gap_all_joints_are_at_their_walker(ticks):
+    crowd = Crowd("senses", WALKERS)
+    for tick in ticks:
+        frame = crowd.tick(tick)
+    for walker in frame.persons[1:]:
+        at = walker.pose.position
+        # a leg of 0.53 of a height of 1.75 m (Winter), and 0.2 m of a foot
+        assert max(math.hypot(j.x - at.x, j.y - at.y) for j in walker.joints) < 0.8
 
 
 def test_of_several_robots_all_and_their_persons_are_told_of():

@@ -226,6 +226,16 @@ def test_a_skeleton_walks_with_the_person_where_a_sensor_looks_at_it():
     assert 0.8 < pelvis.z < 1.0
 
 
+@pytest.mark.parametrize("ticks", [[1000], [40], [0, 300], [0, 2, 48]])
+def test_after_a_gap_the_whole_skeleton_is_at_the_person(ticks):
+    target = Target(Straight(speed_m_s=1.0), kind="fused")
+    for tick in ticks:
+        outputs = target.tick(tick)
+    person, joints = pose_of(outputs[keys.TARGET_ODOM]), outputs[keys.TARGET_SKELETON].joints
+    # a leg of 0.53 of a height of 1.75 m (Winter), and 0.2 m of a foot
+    assert max(math.hypot(joint.x - person.x, joint.y - person.y) for joint in joints) < 0.8
+
+
 def test_a_body_that_sways_by_itself_does_not_sway_twice():
     swaying = Target(Straight(speed_m_s=1.0), gait=Gait(), kind="body")
     plain = Target(Straight(speed_m_s=1.0), kind="body")

@@ -34,6 +34,8 @@ _HURRY_M = (0.03, 0.02)  # drop of the pelvis that hurries steps; further drop t
 _MOST_HURRY = 2.0
 _MOST_SD = 3.0  # largest deviation of a stride, in standard deviations
 _LOWEST = 0.7  # share of the standing height, below which a foot slips instead
+_STEP_S = 0.04  # longest step; longer times are divided
+_GAP_S = 1.0  # longest time over which a walk continues
 
 
 class _Leg:
@@ -83,6 +85,9 @@ class Walker:
     def reset(self, motion: Motion, *seed: int) -> Posture:
         """Stand at the pose of `motion` and return the posture; `seed` draws the stride times."""
         self._chance = Generator(PCG64(seed or 0))
+        return self._stand(motion)
+
+    def _stand(self, motion: Motion) -> Posture:
         self._stretch = 1.0
         self._pose = motion.pose
         self._phase = 0.0
@@ -93,8 +98,21 @@ class Walker:
         self._legs = [_Leg(motion.pose.compose(self._nominal(side, 0.0))) for side in (0, 1)]
         return self._posture()
 
+    def follow(self, motion: Motion, dt_s: float) -> Posture:
+        """Advance by any time `dt_s` [s] to `motion` and return the posture there.
+
+        After a gap of more than 1 s, or a step back in time, the body stands at the new pose.
+        """
+        if not 0.0 <= dt_s <= _GAP_S:
+            return self._stand(motion)
+        steps = max(math.ceil(dt_s / _STEP_S), 1)
+        for left in range(steps - 1, 0, -1):
+            pose = motion.pose.integrate(motion.twist, -left * dt_s / steps)
+            self.step(Motion(pose, motion.twist), dt_s / steps)
+        return self.step(motion, dt_s / steps)
+
     def step(self, motion: Motion, dt_s: float) -> Posture:
-        """Advance by `dt_s` [s] to `motion` and return the posture there."""
+        """Advance by a short time `dt_s` [s] to `motion` and return the posture there."""
         self._pose = motion.pose
         x, y, yaw = motion.twist
         speed = math.hypot(x, y)

@@ -72,11 +72,13 @@ class CrowdNode(Node):
                 self.skeletons[name] = skeleton
         if tick.number % self.period:
             return {}
-        steps = min((tick.number - self.last) // self.period, MISSED_AT_MOST)
+        missed, is_first = tick.number - self.last, self.pedestrians is None
         self.last = tick.number
+        steps = min(missed // self.period, MISSED_AT_MOST)
+        gap_s = None if is_first else missed * self.scenario.sim.tick_s
         motions = self._walk(tick.time_ns / 1e9, steps)
         persons = [self._target(name) for name in self.targets]
-        persons += [self._walker(n, motion, steps) for n, motion in enumerate(motions)]
+        persons += [self._walker(n, motion, gap_s) for n, motion in enumerate(motions)]
         robots = [
             m.NamedPose(name or "robot", m.Pose.planar(odometry.pose.pose.to_planar()))
             for name, odometry in self.robots.items()
@@ -111,14 +113,15 @@ class CrowdNode(Node):
         pose, twist = odometry.pose.pose, odometry.twist.twist
         return m.Person(name or "target", pose, twist, skeleton.height, skeleton.joints)
 
-    def _walker(self, number: int, motion: Motion, steps: int) -> m.Person:
+    def _walker(self, number: int, motion: Motion, gap_s: float | None) -> m.Person:
+        """Return a walker, `gap_s` [s] after the last sample; None in the first one of a run."""
         joints: tuple[m.Point, ...] = ()
         if self.bodies:
-            duration = steps * self.period * self.scenario.sim.tick_s
             body = self.bodies[number]
-            posture = (
-                body.step(motion, duration) if steps else body.reset(motion, self.seed, number)
-            )
+            if gap_s is None:
+                posture = body.reset(motion, self.seed, number)
+            else:
+                posture = body.follow(motion, gap_s)
             joints = tuple([m.Point(*joint) for joint in posture.joints.tolist()])
         pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
         return m.Person(f"walker_{number + 1}", pose, twist, self.heights[number], joints)

@@ -87,7 +87,7 @@ class TargetNode(Node):
         if self.walker is not None and tick.number % self.skeleton_period == 0:
             duration_s = (tick.number - self.posed) * self.scenario.sim.tick_s
             self.posed = tick.number
-            outputs[TARGET_SKELETON] = self._skeleton(tick, self.walker.step(person, duration_s))
+            outputs[TARGET_SKELETON] = self._skeleton(tick, self.walker.follow(person, duration_s))
         if self.sees_pose:
             robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
             frame = self.sensor.observe(tick.number, robot, person.pose)

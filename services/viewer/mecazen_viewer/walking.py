@@ -12,11 +12,6 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen_people.body.walker import Walker
 from mecazen_people.motion import Motion
 
-STEP_S = 0.04
-"""Longest step of the gait [s]; longer intervals are divided into several steps."""
-GAP_S = 1.0
-"""Longest gap after which the walk continues; after a longer gap the body starts standing [s]."""
-
 
 class WalkingBody:
     """A body of `height_m` that walks along the given poses."""
@@ -31,13 +26,7 @@ class WalkingBody:
         `twist` is the velocity at the pose in the person's frame, `time_ns` the simulated time.
         """
         gap_s, self._time_ns = (time_ns - self._time_ns) / 1e9, time_ns
-        if not 0.0 <= gap_s <= GAP_S:
-            return self._walker.reset(Motion(pose)).joints
-        steps = max(math.ceil(gap_s / STEP_S), 1)
-        for left in reversed(range(steps)):
-            on_the_way = pose.integrate(twist, -left * gap_s / steps)
-            posture = self._walker.step(Motion(on_the_way, twist), gap_s / steps)
-        return posture.joints
+        return self._walker.follow(Motion(pose, twist), gap_s).joints
 
 
 @cache
