@@ -11,6 +11,7 @@ from typing import Generic, TypeVar
 
 from mecazen import messages as m
 from mecazen.messages import MessageT
+from mecazen.robots import join_key
 from mecazen.wire import MAX_PAYLOAD_BYTES, MAX_SAMPLE_BYTES
 
 RequestT = TypeVar("RequestT", bound=m.Message)
@@ -157,6 +158,14 @@ def of_robot(topic: Topic[MessageT], robot: str) -> Topic[MessageT]:
 def call_of_robot(call: Call[RequestT, AnswerT], robot: str) -> Call[RequestT, AnswerT]:
     """Return a robot's call with its full key."""
     return replace(call, key=f"{robot}/{call.key}") if robot else call
+
+
+def renamed(robot: str, *, command_key: str, odometry_key: str) -> dict[str, str]:
+    """Return the keys of a robot that differ from those of their topics, by topic key."""
+    keys = {CMD_VEL.key: command_key, ODOM.key: odometry_key}
+    return {
+        join_key(topic, robot): join_key(key, robot) for topic, key in keys.items() if topic != key
+    }
 
 
 def diagnostics(service: str) -> Topic[m.DiagnosticArray]:

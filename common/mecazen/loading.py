@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, cast
 import msgspec
 import tomli_w
 
+from mecazen import keys
 from mecazen.config import BusConfig, Scenario, with_guard
 from mecazen.config.scenario import NO_KEYS, scenario_with
 from mecazen.config.sensor import features
@@ -317,11 +318,31 @@ def to_toml(scenario: Scenario) -> str:
 
 def robots_in(text: str) -> tuple[str, ...]:
     """Return `Scenario.names` of a scenario in TOML; for invalid TOML, those of a single robot."""
-    try:
-        robots = _tables(parse_toml(text).get("robots"))
-    except ValueError:
-        robots = []
+    robots = _tables(_parsed(text).get("robots"))
     return tuple(str(robot.get("name")) for robot in robots) or ("",)
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    """Return the tables of a recorded or published scenario; none for invalid TOML."""
+    try:
+        return parse_toml(text)
+    except ValueError:
+        return {}
+
+
+def renamed_in(scenario: str | Mapping[str, Any]) -> dict[str, str]:
+    """Return `Scenario.renamed` of a scenario in TOML, or of its tables."""
+    tables = _parsed(scenario) if isinstance(scenario, str) else scenario
+    renamed: dict[str, str] = {}
+    for robot in _tables(tables.get("robots")) or [{}]:
+        values = [one.get("controller") for one in (robot, tables)]
+        own, shared = (one if isinstance(one, dict) else {} for one in values)
+        renamed |= keys.renamed(
+            str(robot.get("name", "")),
+            command_key=str({**shared, **own}.get("command_key", keys.CMD_VEL.key)),
+            odometry_key=str({**shared, **own}.get("odometry_key", keys.ODOM.key)),
+        )
+    return renamed
 
 
 def _without_none(value: Any) -> Any:

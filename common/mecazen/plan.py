@@ -179,7 +179,7 @@ class _Draft:
             own.ticks_per(rate)  # refuses a rate that does not divide the tick rate
         lockstep = scenario.sim.mode == "lockstep"
         self.takes = [
-            _Taken(i, of_robot(row.on_bus(i.topic), name), name, ticks(i.topic))
+            _Taken(i, of_robot(i.topic, name), name, ticks(i.topic))
             for i in graph.resolved(row, lockstep=lockstep)
             for name in (("",) if i.topic.shared or i.topic is CLOCK else names)
         ]
@@ -188,7 +188,7 @@ class _Draft:
             outputs = (CLOCK, *outputs)
             names = tuple(dict.fromkeys(("", *names)))
         self.gives = tuple(
-            (self._known(topic, name), of_robot(row.on_bus(topic), name), ticks(topic))
+            (self._known(topic, name), of_robot(topic, name), ticks(topic))
             for topic in outputs
             for name in names
             # only the clock also has a topic outside the robots' namespaces

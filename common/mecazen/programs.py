@@ -18,7 +18,7 @@ from mecazen import graph
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, explained
 from mecazen.graph import Graph
-from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, TOPICS, Call, Topic
+from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, ODOM, TOPICS, Call, Topic
 from mecazen.node import Computing, Node, World
 from mecazen.plan import compile_plan
 from mecazen.row import Row
@@ -186,6 +186,7 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
         if row.name in scenario.programs:
             _check_own(row, scenario.programs[row.name], found)
     compile_plan(scenario, found)  # refuses nodes that would wait for each other
+    _refuse_taken_keys(scenario, found)
     taken = {topic.key.partition("/")[0] for topic in found.topics} & set(scenario.names)
     if taken:
         raise ConfigError(f"robots: the name {taken.pop()!r} begins a key of a node: take another")
@@ -222,10 +223,22 @@ def _refuse_bypass(rows: Iterable[Row]) -> None:
                 f"{row.name}: where there is a guard, who gives joint_command takes "
                 "guard/cmd_vel, not cmd_vel; without one: guard.enabled = false"
             )
-        if takes and row.on_bus(CMD_VEL).key == GUARD_CMD_VEL.key:
-            raise ConfigError(
-                "controller.command_key: guard/cmd_vel is what the guard gives: take another"
-            )
+
+
+def _refuse_taken_keys(scenario: Scenario, found: Graph) -> None:
+    """Refuse a renamed key that another topic or a query has."""
+    known = [topic.key for topic in (*TOPICS, *found.topics)]
+    known += [call.key for call in (*CALLS, *(call for row in found.rows for call in row.calls))]
+    for robot in scenario.names:
+        controller = scenario.of(robot).controller
+        for name, topic in (("command_key", CMD_VEL), ("odometry_key", ODOM)):
+            key = getattr(controller, name)
+            if key != topic.key and (
+                key in known or controller.command_key == controller.odometry_key
+            ):
+                raise ConfigError(
+                    f"controller.{name}: {key} is the key of another topic: take another"
+                )
 
 
 def _check_own(row: Row, program: str, found: Graph) -> None:

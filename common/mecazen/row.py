@@ -96,8 +96,6 @@ class Row:
     """Real-time priority among the processes of the stack; 0: none."""
     resets_with: tuple[str, ...] = ()
     """Services whose restart resets the node."""
-    remap: Mapping[str, str] = field(default_factory=dict)
-    """Keys on the bus, by topic key, if they differ."""
     needs: str = ""
     """Feature of a scenario that the node requires; see `Scenario.features`."""
     offers: Mapping[str, str] = field(default_factory=dict)
@@ -163,11 +161,6 @@ class Row:
     def feature(self, key: str) -> str:
         """Return the feature that an output requires; "" if it requires none."""
         return self.offers.get(key, self.needs)
-
-    def on_bus(self, topic: Topic[Any]) -> Topic[Any]:
-        """Return one of the node's topics with its key on the bus."""
-        key = self.remap.get(topic.key, topic.key)
-        return topic if key == topic.key else replace(topic, key=key)
 
     def placed(self, place: Row) -> Row:
         """Return this row of a class with the name, service and role of a row of the table."""

@@ -180,12 +180,18 @@ class RosNode:
             self._describe(where, described.meshes)
         for topic in row.outputs:
             if not _is_common(row, topic):
-                self._publish(row.on_bus(topic), robot, name_of(row, topic), topic, where)
+                name = name_of(row, topic, self._key_of(topic, robot))
+                self._publish(topic, robot, name, topic, where)
         for given in row.inputs:
             if _taker(graph, given.topic) is row:
-                topic, is_given = row.on_bus(given.topic), graph.giver(given.topic.key) is not None
-                for one in subscriptions(given.topic, topic.key, is_given=is_given):
-                    self._take(topic, robot, one, where)
+                key, is_given = self._key_of(given.topic, robot), graph.giver(given.topic.key)
+                for one in subscriptions(given.topic, key, is_given=is_given is not None):
+                    self._take(given.topic, robot, one, where)
+
+    def _key_of(self, topic: Topic[Any], robot: str) -> str:
+        """Return the key of a robot's topic within the robot's namespace."""
+        key = self._bus.key_of(of_robot(topic, robot))
+        return key.removeprefix(f"{robot}/") if robot else key
 
     def _describe(self, where: Namespace, meshes: Mapping[str, bytes]) -> None:
         """Publish the robot's shapes and fixed frames, also for late subscribers."""

@@ -69,13 +69,13 @@ class RosTopic(NamedTuple):
     """Replaces numbers of a message from ROS that are not finite."""
 
 
-def name_of(row: Row, topic: Topic[Any]) -> str:
-    """Return the ROS name of a node's output.
+def name_of(row: Row, topic: Topic[Any], key: str = "") -> str:
+    """Return the ROS name of a node's output; `key` is its key on the bus if that differs.
 
     An open topic has another name, `follower/cmd_vel`, since the nodes that receive `cmd_vel` from
     ROS already receive the output.
     """
-    key = ros_name(row.on_bus(topic).key)
+    key = ros_name(key or topic.key)
     return f"{row.name}/{key}" if topic.open else key
 
 

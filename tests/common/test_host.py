@@ -55,14 +55,6 @@ class Toy(Node):
         self.closed = True
 
 
-class Renamed(Toy):
-    """Hears its odometry on another key."""
-
-    @classmethod
-    def row(cls, scenario):
-        return replace(cls.ROW, remap={keys.ODOM.key: f"odom{scenario.seed}"})
-
-
 @pytest.fixture
 def rig(scenario):
     """A toy in the follower's place, with a frame every fourth tick."""
@@ -169,13 +161,6 @@ def test_queries_are_answered_by_the_node_or_refused_in_its_words(rig):
     assert bus.call(PLACE, m.OdometryRequest()).child_frame_id == "toy/place"
     with pytest.raises(BusError, match=r"^toy/place: behind the start$"):
         ask_bytes(bus, PLACE, b'{"pose":{"position":{"x":-1}}}')
-
-
-def test_a_row_may_hang_on_the_configuration(rig):
-    rig = rig(Renamed)
-    rig.bus.put_bytes("odom", b"{}", "", rig.at(5).pack())
-    rig.bus.put_bytes("odom5", b'{"header":{"stamp":{"nanosec":50000000}}}', "", rig.at(5).pack())
-    assert [sample.message.linear.x for sample in rig.take()] == [5.0]
 
 
 def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):

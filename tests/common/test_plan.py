@@ -5,7 +5,7 @@ import pytest
 from mecazen import keys
 from mecazen.config import ControllerConfig, RobotConfig, SensorConfig, SimConfig, StartConfig
 from mecazen.errors import ConfigError
-from mecazen.graph import TABLE, Graph
+from mecazen.graph import Graph
 from mecazen.keys import Topic
 from mecazen.messages import String
 from mecazen.plan import Need, Plan, compile_plan
@@ -153,14 +153,6 @@ def test_each_robot_has_its_turns_and_shared_nodes_see_all_by_name(scenario):
         *("two/odometry", "two/controller")
     ]
     assert plan.giver(states) is physics
-
-
-def test_what_takes_another_key_is_linked_by_it(scenario):
-    giver = Row("giver", inputs=(every(keys.CLOCK),), outputs=(OTHER,), remap={"other": "loop"})
-    plan = plan_of(scenario, Row("taker", inputs=(every(LOOP),)), giver)
-    (need,) = plan.turns[-1].needs
-    assert (plan.turns[-1].name, plan.giver(need).name) == ("taker", "giver")
-    assert TABLE["physics"].name == plan.turns[0].name
 
 
 def need(rule="due", period=1, lag=0) -> Need:

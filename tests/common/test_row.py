@@ -36,8 +36,3 @@ def test_what_takes_a_place_keeps_its_own_inputs_and_outputs_and_gets_the_rest()
     assert (placed.name, placed.part_of, placed.priority) == ("follower", "follower", 2)
     assert (placed.inputs, placed.outputs) == (mine.inputs, mine.outputs)
     assert not placed.shared
-
-
-def test_a_row_with_another_key_on_the_bus():
-    row = Row("mine", remap={ODOM.key: "odom2"})
-    assert (row.on_bus(ODOM).key, row.on_bus(CMD_VEL)) == ("odom2", CMD_VEL)

@@ -140,10 +140,9 @@ def test_a_run_begins_at_rest_and_without_a_reference():
     assert controller.drive(0, measured=(20.0,) * 4) == controller.drive(1) == STANDING
 
 
-def test_keys_frames_joints_and_lengths_are_the_users():
+def test_frames_joints_and_lengths_are_the_users():
     names = ("fl", "fr", "rl", "rr")
-    users = {"command_key": "base/cmd", "odometry_key": "base/odom", "wheel_joints": names}
-    users |= {"odom_frame_id": "o", "base_frame_id": "b"}
+    users = {"odom_frame_id": "o", "base_frame_id": "b", "wheel_joints": names}
     seen = scenario(wheel_radius_m=0.1, half_track_m=0.35, limits=UNLIMITED, **users)
     measured = joints(STANDING, names)
     reference = {keys.CMD_VEL: m.Twist.planar(Twist2D(yaw=1.0))}
@@ -153,8 +152,6 @@ def test_keys_frames_joints_and_lengths_are_the_users():
     odom = Steps(OdometryNode, seen).step(7, measured)[keys.ODOM]
     assert odom.header == m.Header(m.Time(nanosec=70_000_000), "o")
     assert odom.child_frame_id == "b"
-    assert ControllerNode.row(seen).on_bus(keys.CMD_VEL).key == "base/cmd"
-    assert OdometryNode.row(seen).on_bus(keys.ODOM).key == "base/odom"
 
 
 class Wheels(Steps):
@@ -258,7 +255,7 @@ def test_update_rate_thins_out_odom_and_leaves_out_nothing_of_the_way():
 
 def test_ground_truth_mode_publishes_the_truth_in_the_frame_of_the_odometry():
     seen = scenario(odometry="ground_truth", odom_frame_id="map")
-    assert [i.topic for i in OdometryNode.row(seen).inputs] == [keys.GROUND_TRUTH]
+    assert keys.GROUND_TRUTH in [i.topic for i in OdometryNode.row(seen).inputs]
     pose, twist = Pose2D(1.0, 2.0, 3.0), Twist2D(0.1, 0.2, 0.3)
     truth = m.planar_odometry(m.Time(), "world", "x", pose, twist, tuple(range(36)))
     steps = Steps(OdometryNode, seen)

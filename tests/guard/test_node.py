@@ -130,11 +130,6 @@ def test_a_guard_that_was_held_up_begins_with_the_motion_of_the_robot_again():
     assert [axis.velocity for axis in guard.node.guard._state] == [0.0, 0.0, 0.0]
 
 
-def test_it_listens_to_the_key_that_the_controller_names():
-    row = GuardNode.row(teleop("controller.command_key=joystick"))
-    assert row.on_bus(CMD_VEL).key == "joystick"
-
-
 def test_another_margin_counts_from_the_next_scan_on_and_what_was_seen_stays():
     guard = Guard()
     wall = [0.5] * guard.scenario.sensors.lidar.beams

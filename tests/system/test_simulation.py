@@ -9,6 +9,7 @@ from harness import SCENARIOS
 from mecazen import Simulation
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
+from mecazen_recorder.plot import _read
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools import simulation
@@ -116,6 +117,59 @@ def test_several_robots_are_told_apart():
         assert sim.state_of(second).robot != sim.state.robot
         assert sim.latest(f"{second}/odom").pose.pose.to_planar() == sim.state_of(second).odom
         assert not math.isnan(sim.scores(second).d_err_m or 0.0)
+
+
+RENAMED = {"controller.command_key": "base/cmd", "controller.odometry_key": "base/odom"}
+
+
+def test_renamed_keys_are_those_of_all_nodes_and_change_no_trajectory(tmp_path):
+    file = tmp_path / "run.mcap"
+    with Simulation("back", duration_s=0.3) as plain:
+        plain.run()
+    with Simulation("back", duration_s=0.3, record=file, **RENAMED) as sim:
+        state = sim.run()
+        assert sim.trajectory.sha256() == plain.trajectory.sha256()
+        assert (state.command, state.odom) == (plain.state.command, plain.state.odom)
+        assert sim.latest("base/cmd") == plain.latest("cmd_vel")
+        assert not {"cmd_vel", "odom"} & sim._latest.keys()
+    samples = list(Recording(file).samples())
+    assert {"base/cmd", "base/odom"} < {sample.key for sample in samples}
+    assert not {"cmd_vel", "odom"} & {sample.key for sample in samples}
+    assert recompute(Recording(file), "follower").counts["base/cmd"] == 30
+    ((_, rows),) = _read(Recording(file)).values()
+    assert len(rows["cmd_vel"]) == 30
+
+
+def test_each_robot_has_its_renamed_keys_and_source_of_odometry():
+    two = {"name": "two", "start": {"x_m": -1.0, "y_m": -1.5}, "target": {"path": {"y_m": -1.5}}}
+    two["controller"] = {"odometry_key": "o", "odometry": "ground_truth"}
+    robots = [{"name": "one", "start": {"x_m": -1.0}}, two]
+    with Simulation("convoy", duration_s=0.3, robots=robots) as sim:
+        sim.run()
+        assert {"one/odom", "two/o"} < sim._latest.keys()
+        true, measured = sim.latest("two/ground_truth/odom"), sim.latest("two/o")
+        assert (true.pose, true.twist) == (measured.pose, measured.twist)
+        assert sim.latest("one/ground_truth/odom").pose != sim.latest("one/odom").pose
+
+
+def test_a_command_goes_to_the_renamed_key_and_the_guard_obeys_it():
+    with Simulation("teleop", duration_s=1.0, **RENAMED) as sim:
+        sim.command(wz=0.5)
+        assert sim.run().robot_twist.yaw == pytest.approx(0.5, abs=0.05)  # as without new names
+
+
+@pytest.mark.parametrize(
+    ("settings", "key"),
+    [
+        ({"controller.command_key": "guard/cmd_vel"}, "command_key"),
+        ({"controller.odometry_key": "ground_truth/odom"}, "odometry_key"),
+        ({"controller.odometry_key": "sim/pause"}, "odometry_key"),
+        ({"controller.odometry_key": "a", "controller.command_key": "a"}, "command_key"),
+    ],
+)
+def test_a_renamed_key_that_is_taken_is_refused(settings, key):
+    with pytest.raises(ConfigError, match=f"controller.{key}: .* is the key of another topic"):
+        Simulation("teleop", **settings)
 
 
 def test_a_robot_that_a_node_drives_is_not_commanded():

@@ -45,6 +45,10 @@ def test_the_commands_that_are_shown_act_on_what_was_started(settings, options):
     puts = [line for line in lines if line.startswith("zenoh ")]
     assert all(f" -k {namespace + '/' if namespace else ''}cmd_vel " in line for line in puts)
     other = load_scenario(SCENARIOS / "back.toml", settings)
+    renamed = load_scenario(SCENARIOS / "teleop.toml", (*settings, "controller.command_key=drive"))
+    shown = " ".join(hints(renamed, "teleop"))
+    assert "pub drive" in shown
+    assert "cmd_vel" not in shown.replace("target/cmd_vel", "")
     assert any(
         "up 'my folder/back.toml' --set" in line for line in hints(other, "my folder/back.toml")
     )

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from operator import attrgetter
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 from mecazen.config import Process, Scenario
@@ -40,11 +40,17 @@ def rate(graph: Graph, topic: Topic[Any]) -> str:
     return "tick" if found is None else found if isinstance(found, str) else f"{found:g} Hz"
 
 
-def topic_rows(graph: Graph) -> list[Cells]:
+def topic_rows(graph: Graph, renamed: Mapping[str, str] = MappingProxyType({})) -> list[Cells]:
     """Return key, message, rate, publisher and meaning of each topic."""
     topics = [topic for topic in graph.topics if not topic.key.startswith("diagnostics/")]
     return [
-        (topic.key, topic.type.ROS_TYPE, rate(graph, topic), _source(graph, topic), topic.meaning)
+        (
+            renamed.get(topic.key, topic.key),
+            topic.type.ROS_TYPE,
+            rate(graph, topic),
+            _source(graph, topic),
+            topic.meaning,
+        )
         for topic in (*topics, DIAGNOSTICS)
     ]
 

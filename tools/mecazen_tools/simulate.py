@@ -74,7 +74,7 @@ class InProcess:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = in_lockstep(scenario)
-        self.bus = LocalBus()
+        self.bus = LocalBus(scenario.renamed)
         self.trajectory = _trajectory(self.bus, self.scenario, self.scenario.services)
         observing = [part for part in self.scenario.parts if part[0] in OBSERVERS]
         self.host = Host(
@@ -194,7 +194,7 @@ def simulate_distributed(
         with on_one_core():
             supervisor.start_router()
         with beside_that_core():
-            bus = ZenohBus(scenario.bus, name=COLLECTOR, gather_s=GATHER_S)
+            bus = _collector_bus(scenario)
         with closing(bus):
             trajectory = _join(bus, scenario)
             for process in scenario.process_plan:
@@ -233,7 +233,7 @@ def collect(
         if gone := sorted(seen - alive):
             raise MecazenError(f"{', '.join(gone)}: gone after {trajectory.done} ticks")
 
-    bus = ZenohBus(scenario.bus, name=COLLECTOR, gather_s=GATHER_S)
+    bus = _collector_bus(scenario)
     with closing(bus):
         trajectory = _join(bus, scenario)
         wall_s = _collect(trajectory, bus, check, progress)
@@ -248,6 +248,10 @@ def _pass_on(supervisor: Supervisor) -> None:
     """
     while (line := supervisor.poll(0.0)) is not None:
         sys.stderr.write(f"{line.text}\n")
+
+
+def _collector_bus(scenario: Scenario) -> ZenohBus:
+    return ZenohBus(scenario.bus, name=COLLECTOR, gather_s=GATHER_S, renamed=scenario.renamed)
 
 
 def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:

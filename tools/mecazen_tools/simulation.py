@@ -271,8 +271,8 @@ class Simulation:
         truth = self._motion(keys.GROUND_TRUTH, robot)
         person = self._motion(keys.TARGET_ODOM, robot) or (None, None)
         odom = self._motion(keys.ODOM, robot) or (None, None)
-        command = self._latest.get(keys.of_robot(keys.CMD_VEL, robot).key)
-        follower = self._latest.get(keys.of_robot(keys.FOLLOWER_STATE, robot).key)
+        command = self._newest(keys.CMD_VEL, robot)
+        follower = self._newest(keys.FOLLOWER_STATE, robot)
         if truth is None:
             raise ConfigError(f"no robot {robot!r}; robots: {', '.join(self.scenario.names)}")
         return State(
@@ -345,16 +345,20 @@ class Simulation:
 
     def _listen(self, topic: Topic[Any], robot: str) -> None:
         on_bus = keys.of_robot(topic, robot)
-        self._latest[on_bus.key] = None
+        key = self._run.bus.key_of(on_bus)
+        self._latest[key] = None
 
         def take(message: Message, stamp: Stamp | None) -> None:
             del stamp
-            self._latest[on_bus.key] = message
+            self._latest[key] = message
 
         self._run.bus.subscribe(on_bus, take)
 
+    def _newest(self, topic: Topic[Any], robot: str) -> Message | None:
+        return self._latest.get(self._run.bus.key_of(keys.of_robot(topic, robot)))
+
     def _motion(self, topic: Topic[Odometry], robot: str) -> tuple[Pose2D, Twist2D] | None:
-        odometry = self._latest.get(keys.of_robot(topic, robot).key)
+        odometry = self._newest(topic, robot)
         if not isinstance(odometry, Odometry):
             return None
         return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()

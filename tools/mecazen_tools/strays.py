@@ -17,6 +17,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import BusError
 from mecazen.graph import GRAPH
 from mecazen.keys import CALLS, SIM_SCENARIO, TARGET_CMD_VEL, TOPICS, Topic, topic_of
+from mecazen.loading import renamed_in
 from mecazen.messages import Empty
 from mecazen.robots import join_key, split_key
 from mecazen.text import shortened
@@ -48,7 +49,7 @@ def report_strays(
     reported: set[str] = set()
 
     def take(key: str, *_: object) -> None:
-        if key in reported or len(reported) >= KEYS:
+        if key in reported or key in bus.renamed.values() or len(reported) >= KEYS:
             return
         told = unknown_key(key, robots)
         if told is not None:
@@ -103,6 +104,13 @@ def mistake(key: str) -> str | None:
     """
     includes(key, key)
     return None if "*" in key else asked_only(key) or unknown_key(key)
+
+
+def unknown_to(bus: ZenohBus, key: str, told: str | None) -> str | None:
+    """Return the warning `told` of a key, unless the running scenario names that key."""
+    if told is not None and key in renamed_in(scenario_at(bus)).values():
+        return None
+    return told
 
 
 def absent(bus: ZenohBus, key: str) -> str:

@@ -109,7 +109,9 @@ class Bus(ABC):
     hears_itself: ClassVar[bool]
     """Whether subscribers receive samples that are published through the same object."""
 
-    def __init__(self) -> None:
+    def __init__(self, renamed: Mapping[str, str] | None = None) -> None:
+        self.renamed = dict(renamed or {})
+        """Keys on the bus that differ from those of their topics, by topic key."""
         self.refused: Counter[str] = Counter()
         """Number of refused payloads, by key."""
         self.lost: Counter[str] = Counter()
@@ -120,6 +122,10 @@ class Bus(ABC):
         self._last_report: dict[str, float] = {}
         self._servers: dict[str, Callable[[Any, Any], None]] = {}
         self._files: dict[str, bytes] = {}
+
+    def key_of(self, topic: Topic[Any]) -> str:
+        """Return the key on which a topic's samples are published."""
+        return self.renamed.get(topic.key, topic.key)
 
     @abstractmethod
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:

@@ -29,20 +29,21 @@ class LocalBus(Bus):
 
     hears_itself = True
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, renamed: Mapping[str, str] | None = None) -> None:
+        super().__init__(renamed)
         self._handlers: defaultdict[str, list[Handler[Any]]] = defaultdict(list)
         self._topics: dict[str, Topic[Any]] = {}
         self._stopped = Event()
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return a publisher for a topic."""
-        return _LocalPublisher(self._handlers[topic.key])
+        return _LocalPublisher(self._handlers[self.key_of(topic)])
 
     def subscribe(self, topic: Topic[MessageT], handler: Handler[MessageT], **_: Any) -> None:
         """Deliver every sample of a topic to `handler`, in the order of subscription."""
-        self._topics.setdefault(topic.key, topic)
-        self._handlers[topic.key].append(handler)
+        key = self.key_of(topic)
+        self._topics.setdefault(key, topic)
+        self._handlers[key].append(handler)
 
     def put_bytes(
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None

@@ -8,8 +8,11 @@ import logging
 import os
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import zenoh
@@ -79,6 +82,7 @@ def session_config(
     *,
     most_hz: float | None = None,
     robots: Sequence[str] = ("",),
+    renamed: Mapping[str, str] = MappingProxyType({}),
     timestamps: bool = False,
 ) -> zenoh.Config:
     """Return Zenoh's configuration: loopback without multicast, unless `config` sets other values.
@@ -92,6 +96,7 @@ def session_config(
         name: Name of the certificate that the session shows, if `config.keys` is set.
         most_hz: Maximum rate at which a router accepts samples of a topic from a link [1/s].
         robots: Names of the robots; each has its own topics.
+        renamed: Keys that differ from those of their topics, by topic key.
         timestamps: Whether samples carry Zenoh's timestamps.
 
     Raises:
@@ -118,7 +123,7 @@ def session_config(
     }
     if mode == "router":
         settings["listen/endpoints"] = config.router_endpoints
-        settings |= _filters(config, most_hz, robots)
+        settings |= _filters(config, most_hz, robots, renamed)
     else:
         settings["connect/endpoints"] = config.router_endpoints
         # a router that starts late or restarts is found within 0.2 s
@@ -144,15 +149,23 @@ def session_config(
     return base
 
 
-def _filters(config: BusConfig, most_hz: float | None, robots: Sequence[str]) -> dict[str, Any]:
+def _filters(
+    config: BusConfig, most_hz: float | None, robots: Sequence[str], renamed: Mapping[str, str]
+) -> dict[str, Any]:
     """Return a router's settings that drop oversized samples and samples beyond a rate."""
+    moved = [
+        replace(topic, key=key)
+        for name, key in renamed.items()
+        for topic in TOPICS
+        if name in {join_key(topic.key, robot) for robot in robots}
+    ]
     at_entry = {"flows": ["ingress"], "messages": ["put"]}
     too_long = [
         {
             "id": f"samples of {limit} bytes",
             "key_exprs": [
                 expression
-                for topic in TOPICS
+                for topic in (*TOPICS, *moved)
                 if topic.max_bytes == limit
                 for expression in _expressions(config, topic)
             ],
@@ -166,8 +179,7 @@ def _filters(config: BusConfig, most_hz: float | None, robots: Sequence[str]) ->
         # one process may publish both follower's and guard's cmd_vel
         rules = [
             {"key_expr": expression, "freq": most_hz}
-            for robot in robots
-            for topic in TOPICS
+            for robot, topic in (*product(robots, TOPICS), *product([""], moved))
             for expression in _expressions(config, topic, robot, config.namespace or "")
         ]
         settings["downsampling"] = [at_entry | {"id": "rate of samples", "rules": rules}]
@@ -272,6 +284,7 @@ def open_session(
     *,
     most_hz: float | None = None,
     robots: Sequence[str] = ("",),
+    renamed: Mapping[str, str] = MappingProxyType({}),
     timestamps: bool = False,
 ) -> zenoh.Session:
     """Open a Zenoh session; see `session_config`.
@@ -283,7 +296,13 @@ def open_session(
     try:
         return zenoh.open(
             session_config(
-                config, mode, name, most_hz=most_hz, robots=robots, timestamps=timestamps
+                config,
+                mode,
+                name,
+                most_hz=most_hz,
+                robots=robots,
+                renamed=renamed,
+                timestamps=timestamps,
             )
         )
     except zenoh.ZError as error:

@@ -54,6 +54,7 @@ class ZenohBus(Bus):
         *,
         name: str = OPERATOR,
         gather_s: float = 0.0,
+        renamed: Mapping[str, str] | None = None,
     ) -> None:
         """Open the session.
 
@@ -64,11 +65,12 @@ class ZenohBus(Bus):
             name: Name of the certificate that the session shows, if certificates are used.
             gather_s: Maximum delay by which samples gather and arrive together, so that senders
                 need not wake this process for each of them [s].
+            renamed: Keys on the bus that differ from those of their topics, by topic key.
 
         Raises:
             BusError: See `open_session`.
         """
-        super().__init__()
+        super().__init__(renamed)
         self._pause = Pause(gather_s)
         self._format: Format = config.format
         self._queue: Queue = queue.SimpleQueue()
@@ -88,15 +90,16 @@ class ZenohBus(Bus):
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return a publisher for a topic."""
-        publisher = self._publishers.get(topic.key)
+        key = self.key_of(topic)
+        publisher = self._publishers.get(key)
         if publisher is None:
             declared = self._session.declare_publisher(
-                topic.key,
+                key,
                 encoding=ENCODINGS[self._format],
                 congestion_control=zenoh.CongestionControl.DROP,
             )
             publisher = _ZenohPublisher(declared, self._format, self.listeners(topic), self._queue)
-            self._publishers[topic.key] = publisher
+            self._publishers[key] = publisher
         return publisher
 
     def listeners(self, topic: Topic[Any]) -> list[Handler[Any]]:
@@ -117,7 +120,7 @@ class ZenohBus(Bus):
         Subscriptions to a key with equal `every` and `of` share one Zenoh subscriber, which decodes
         each sample once.
         """
-        handlers = self._heard.setdefault((topic.key, every, of), [])
+        handlers = self._heard.setdefault((self.key_of(topic), every, of), [])
         handlers.append(handler)
         if len(handlers) == 1:
             self._hear(topic, handlers, every, nothing, of)
@@ -131,7 +134,7 @@ class ZenohBus(Bus):
         of: str,
     ) -> None:
         """Subscribe to a topic's samples of other processes."""
-        key = topic.key
+        key = self.key_of(topic)
         refuse = partial(self._refusals.add, key)
 
         def decoded(sample: zenoh.Sample) -> tuple[MessageT, Stamp | None]:
@@ -147,11 +150,11 @@ class ZenohBus(Bus):
                     return True
                 message, stamp = decoded(sample)
             except RefusedError as refusal:
-                self.refuse(topic.key, str(refusal))
+                self.refuse(key, str(refusal))
                 return False
             if stamp is None:
                 payload, encoding, _ = _content(sample)
-                self.warn_of_unknown_fields(topic.key, payload, encoding, message)
+                self.warn_of_unknown_fields(key, payload, encoding, message)
             deliver(handlers, message, stamp)
             return True
 

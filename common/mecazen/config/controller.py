@@ -10,7 +10,7 @@ import msgspec
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.schema import Length, Live, NonNegative, Positive, Section, WheelRadius
 
-Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#\s]+(/[^/*$?#\s]+)*$")]
+Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#@\s]+(/[^/*$?#@\s]+)*$")]
 """A key without wildcards, on which samples can be published."""
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
@@ -59,11 +59,12 @@ class ControllerConfig(Section):
     """The wheel controller."""
 
     command_key: Key = "cmd_vel"
-    """Key of the commanded twist, in base_frame_id; with a guard, the guard subscribes to it."""
+    """Key of the commanded twist, in base_frame_id, for all that publish or receive it."""
     reference_timeout_s: Live[Positive] = 0.5
     """Simulated time after which a command is stale and the robot comes to rest."""
     limits: AxisLimits = AxisLimits()
     odometry_key: Key = "odom"
+    """Key of the odometry, for all that publish or receive it."""
     odom_frame_id: Name = "odom"
     base_frame_id: Name = "base_link"
     update_rate_hz: Positive | None = None

@@ -31,6 +31,7 @@ from mecazen.config.world import WorldConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import overlap
 from mecazen.graph import OBSERVERS, SHARED
+from mecazen.keys import renamed
 from mecazen.robot import Robot
 from mecazen.robots import join_key, seed_of
 from mecazen.schema import Section, SectionT
@@ -183,6 +184,18 @@ class Scenario(Section):
     def names(self) -> tuple[str, ...]:
         """The robots' names; ("",) for a single robot, which needs no name."""
         return tuple(robot.name for robot in self.robots) or ("",)
+
+    @property
+    def renamed(self) -> dict[str, str]:
+        """Keys on the bus that differ from those of their topics, by topic key."""
+        controllers = {name: self.of(name).controller for name in self.names}
+        return {
+            topic: key
+            for name, controller in controllers.items()
+            for topic, key in renamed(
+                name, command_key=controller.command_key, odometry_key=controller.odometry_key
+            ).items()
+        }
 
     @property
     def parts(self) -> tuple[tuple[str, str], ...]:

@@ -64,7 +64,7 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
         reporter.log_level,
     )
     _refuse_taken_names(parts, scenario.bus)
-    bus = ZenohBus(scenario.bus, name=process.services[0])
+    bus = ZenohBus(scenario.bus, name=process.services[0], renamed=scenario.renamed)
     stop_on_signals(bus.stop)
     side = None
     try:
@@ -133,7 +133,14 @@ def run_router(scenario: Scenario, reporter: Reporter) -> None:
     sim = scenario.sim
     # lockstep has no rate: ticks may be fast, and a dropped sample would be awaited in vain
     most_hz = SAMPLES_PER_TICK * sim.speed / sim.tick_s if sim.mode == "real_time" else None
-    with open_session(scenario.bus, "router", "router", most_hz=most_hz, robots=scenario.names):
+    with open_session(
+        scenario.bus,
+        "router",
+        "router",
+        most_hz=most_hz,
+        robots=scenario.names,
+        renamed=scenario.renamed,
+    ):
         logger.info("msg=started endpoints=%s", ",".join(scenario.bus.router_endpoints or ()))
         reporter.tell(Report("started"))
         next_of(stopped)

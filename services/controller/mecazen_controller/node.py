@@ -50,10 +50,11 @@ class OdometryNode(Node):
 
     @classmethod
     def row(cls, scenario: Scenario) -> Row:
-        """Return the row with the input and the key that the configuration asks for."""
-        config = scenario.controller
-        inputs = cls.ROW.inputs if config.odometry == "wheel" else (every(GROUND_TRUTH),)
-        return replace(cls.ROW, inputs=inputs, remap={ODOM.key: config.odometry_key})
+        """Return the row, with the truth among its inputs if the odometry of a robot takes it."""
+        sources = {scenario.of(name).controller.odometry for name in scenario.names}
+        if "ground_truth" not in sources:
+            return cls.ROW
+        return replace(cls.ROW, inputs=(*cls.ROW.inputs, every(GROUND_TRUTH)))
 
     def reset(self, seed: int) -> None:
         """Set the odometry to the start pose, at rest."""
@@ -157,12 +158,6 @@ class ControllerNode(Node):
         wheels = self.kinematics
         rim_speed, axes = self.max_speed * wheels.wheel_radius, axis_limits(self.config.limits)
         return Drive(rim_speed, abs(wheels.cross_gain), abs(wheels.lever), axes)
-
-    @classmethod
-    def row(cls, scenario: Scenario) -> Row:
-        """Return the row with the configured key of the command."""
-        config = scenario.controller
-        return replace(cls.ROW, remap={CMD_VEL.key: config.command_key})
 
     def reset(self, seed: int) -> None:
         """Set the robot at rest, without a command."""

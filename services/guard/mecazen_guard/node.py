@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from mecazen import messages as m
 from mecazen.config import Scenario
@@ -14,7 +13,6 @@ from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
-from mecazen.row import Row
 from mecazen.ticks import ROUNDING_S
 
 from mecazen_guard.guard import Guard, Verdict
@@ -52,11 +50,6 @@ class GuardNode(Node):
         self.timeout_s = scenario.controller.reference_timeout_s
         self.surroundings.config = config
         self.guard.configure(Drive.of(scenario), _reaction_s(scenario), config.person_stop_s)
-
-    @classmethod
-    def row(cls, scenario: Scenario) -> Row:
-        """Return the row with the command key that the controller's configuration names."""
-        return replace(cls.ROW, remap={CMD_VEL.key: scenario.controller.command_key})
 
     def reset(self, seed: int) -> None:
         """Discard all scans and poses; the robot rests until the first scan."""

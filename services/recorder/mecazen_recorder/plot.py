@@ -80,11 +80,12 @@ def _read(recording: Recording) -> dict[int, tuple[int, Rows]]:
             runs.setdefault(number, (sample.stamp.seed, {}))
         if number is None:
             continue
-        topic = DRAWN.get(split_key(sample.key, recording.robots(number))[1])
+        key = recording.topic_key(number, sample.key)
+        topic = DRAWN.get(split_key(key, recording.robots(number))[1])
         if topic is not None:
             with recording.reading(sample):
                 row = (sample.time_ns / NS_PER_S, *_numbers(sample.message(topic.type)))
-            runs[number][1].setdefault(sample.key, []).append(row)
+            runs[number][1].setdefault(key, []).append(row)
     return runs
 
 

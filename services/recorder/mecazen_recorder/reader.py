@@ -24,7 +24,7 @@ from mecazen.explain import one_line
 from mecazen.files import MAX_BYTES, MAX_TOML_BYTES, open_regular, parse_toml
 from mecazen.graph import TABLE
 from mecazen.keys import TOPICS
-from mecazen.loading import from_tables, robots_in
+from mecazen.loading import from_tables, renamed_in, robots_in
 from mecazen.messages import Message, MessageT
 from mecazen.robots import split_key
 from mecazen.text import printable, shortened
@@ -136,6 +136,8 @@ class Recording:
         self.scenarios: dict[int, str] = {}
         """The recorded configuration of each run in TOML; filled in by `samples`."""
         self._robots: dict[int, tuple[str, ...]] = {}
+        self._topic_keys: dict[int, dict[str, str]] = {}
+        """Keys of topics by their keys on the bus, where these differ, by run."""
         self._files: dict[str, bytes] = {}
         self.is_cut_off = False
         """Whether the end is missing; known after `samples` is exhausted."""
@@ -207,6 +209,10 @@ class Recording:
     def robots(self, run: int) -> tuple[str, ...]:
         """Return the names of a run's robots, known once `samples` has read them."""
         return self._robots.get(run, ("",))
+
+    def topic_key(self, run: int, key: str) -> str:
+        """Return the key of the topic that a run has on a key of the bus."""
+        return self._topic_keys.get(run, {}).get(key, key)
 
     def scenario(self, run: int, *sections: str) -> Scenario:
         """Return the configuration of a run, with defaults for some sections unless they are named.
@@ -293,3 +299,5 @@ class Recording:
             if scenario is not None and len(scenario) <= MAX_TOML_BYTES:
                 self.scenarios[number[0]] = scenario
                 self._robots[number[0]] = robots_in(scenario)
+                renamed = renamed_in(scenario)
+                self._topic_keys[number[0]] = {key: topic for topic, key in renamed.items()}

@@ -75,7 +75,7 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     runs = _whole_runs(recording)
     recording.refuse_code()
     for run, samples in runs.items():
-        bus = LocalBus()
+        bus = LocalBus(recording.scenario(run).renamed)
         worker = _make_worker(recording, run, program, robot, bus)
         compared = _recompute_run(recording, samples, worker, bus)
         worker.host.close()
@@ -129,8 +129,8 @@ def _recompute_run(
 ) -> Comparison:
     """Feed a service with its inputs among the samples and compare its outputs."""
     turns = [hosted.turn for hosted in worker.host.hosted]
-    topics = {need.on_bus.key: need.on_bus for turn in turns for need in turn.needs}
-    outputs = {on_bus.key: on_bus for turn in turns for _, on_bus, _ in turn.gives}
+    topics = {bus.key_of(need.on_bus): need.on_bus for turn in turns for need in turn.needs}
+    outputs = {bus.key_of(on_bus): on_bus for turn in turns for _, on_bus, _ in turn.gives}
     topics |= {**outputs, PARAMETERS.key: PARAMETERS}
     recorded: dict[str, Outputs] = {key: [] for key in outputs}
     recomputed: dict[str, Outputs] = {key: [] for key in outputs}

@@ -19,7 +19,7 @@ from mecazen.config import RecorderConfig
 from mecazen.description import RobotDescription, ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, call_of_robot, of_robot, topic_of
-from mecazen.loading import robots_in
+from mecazen.loading import renamed_in, robots_in
 from mecazen.messages import Empty, Message
 from mecazen.robots import split_key
 from mecazen.runtime.pace import RECORD, Receipts
@@ -75,6 +75,8 @@ class Recorder:
         self._scenario = scenario
         self._robots = robots
         self._topics = {topic.key: topic for topic in topics}
+        self._topic_keys = {key: topic for topic, key in bus.renamed.items()}
+        """Keys of topics by their keys on the bus, where these differ."""
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._runs: set[int] = set()
@@ -108,8 +110,8 @@ class Recorder:
                     if topic.shared and robot:
                         continue
                     on_bus = of_robot(topic, robot)
-                    if any(includes(key, on_bus.key) for key in recorded):
-                        bus.subscribe(on_bus, partial(self._take, on_bus.key), every=True)
+                    if any(includes(key, bus.key_of(on_bus)) for key in recorded):
+                        bus.subscribe(on_bus, partial(self._take, bus.key_of(on_bus)), every=True)
 
     def run(self) -> None:
         """Record until the bus is stopped."""
@@ -215,7 +217,7 @@ class Recorder:
 
     def _topic_of(self, key: str) -> Topic[Message] | None:
         """Return the topic of a key, which may be in the namespace of one of several robots."""
-        name = split_key(key, self._robots)[1]
+        name = split_key(self._topic_keys.get(key, key), self._robots)[1]
         return self._topics.get(name) or topic_of(name)
 
     def _note(self, stamp: Stamp | None) -> None:
@@ -234,6 +236,8 @@ class Recorder:
         self.writer.write_run(self.now, answer.scenario)
         if answer.scenario is not None:
             self._robots = robots_in(answer.scenario)
+            renamed = renamed_in(answer.scenario)
+            self._topic_keys = {key: topic for topic, key in renamed.items()}
         for robot, description in answer.descriptions.items():
             self.writer.write_description(description, robot)
             self._described.add(robot)

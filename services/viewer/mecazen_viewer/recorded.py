@@ -87,6 +87,7 @@ def draw(file: Path, folder: Path) -> list[Path]:
             if sample.stamp is None:
                 continue  # before the first run
             scenario = recording.scenario(sample.stamp.run, *SECTIONS)
+            bus.renamed = scenario.renamed
             viewer = ViewerService("viewer", bus, scenario)
             viewer.send = partial(save, blueprint(scenario.names))
         try:

@@ -23,7 +23,7 @@ from rich.text import Text
 
 from mecazen_tools import files, graph_views
 from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
-from mecazen_tools.strays import absent, ignored, mistake
+from mecazen_tools.strays import absent, ignored, mistake, unknown_to
 
 LIVE_S = 1.0
 WIDE = 160
@@ -91,6 +91,7 @@ def topics(
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
     loaded: Any = graph_views.DEFAULTS if scenario is None else load(scenario, None)
     nodes = Graph(GRAPH) if scenario is None else graph_of(loaded)
+    renamed = {} if scenario is None else loaded.of(loaded.names[0]).renamed
     rates: Counter[str] = Counter()
 
     def count(key: str, *_: object) -> None:
@@ -112,7 +113,7 @@ def topics(
             message = " → ".join(part.rpartition("/")[2] for part in message.split(" → "))
         table.add_row(*map(Text, (key, message, *others)))  # Text: a unit in brackets is not markup
 
-    for key, message, rate, *others in graph_views.topic_rows(nodes):
+    for key, message, rate, *others in graph_views.topic_rows(nodes, renamed):
         now = [f"{rates[key] / LIVE_S:.0f}"] if live else []
         add(key, message, graph_views.in_hz(rate, loaded), *others, *now)
     table.add_section()
@@ -148,8 +149,9 @@ def echo(
             typer.echo(printable(problem), err=True)
         shown += 1
 
-    _warn(mistake(key))
+    told = mistake(key)
     with tool_bus(connect, namespace, tls) as bus:
+        _warn(unknown_to(bus, key, told))
         bus.subscribe_bytes(key, show)
         if not bus.spin_once(SILENCE_S):
             _warn(f"{key}: no sample for {SILENCE_S:g} s: {absent(bus, key)}")
@@ -192,8 +194,9 @@ def pub(
             _warn(f"{key}: {told}")
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
-    _warn(mistake(key))
+    told = mistake(key)
     with tool_bus(connect, namespace, tls) as bus:
+        _warn(unknown_to(bus, key, told))
         _warn(ignored(bus, key))
         begin, sent = time.monotonic(), 0
         while True:

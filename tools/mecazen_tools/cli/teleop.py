@@ -18,6 +18,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.keys import Topic, of_robot
+from mecazen.loading import renamed_in
 from mecazen.messages import GuardState, Odometry, Twist
 from mecazen.robots import join_key
 from mecazen.text import printable
@@ -80,14 +81,10 @@ class Driven:
         self._bus = bus
         self._role = role
         self._robot = robot
-        self._publisher = bus.publisher(of_robot(role.command, robot))
         self._sent: Twist | None = None
         self._last: dict[str, tuple[float, Any]] = {}
         """Arrival time [s] and content of the newest message, by key."""
-        bus.subscribe(of_robot(role.command, robot), self._hear_other)
-        heard = (role.odometry, keys.GUARD_STATE) if role is ROBOT else (role.odometry,)
-        for topic in heard:
-            bus.subscribe(of_robot(topic, robot), partial(self._hear, topic.key))
+        self._join()
         bus.presence.known = {join_key(role.service, robot)}
         bus.declare_alive(TELEOP, robot)
         self._presence = bus.presence
@@ -100,7 +97,7 @@ class Driven:
     def send(self, twist: Twist2D) -> None:
         """Publish a command."""
         self._sent = Twist.planar(twist)
-        self._publisher.put(self._sent, None)
+        self._bus.publisher(of_robot(self._role.command, self._robot)).put(self._sent, None)
 
     @property
     def moves(self) -> bool:
@@ -122,7 +119,7 @@ class Driven:
         """Return pose and speed of the driven body, and the state of the guard."""
         odometry = self._recent(self._role.odometry.key, STALE_S)
         if odometry is None:
-            return f"no {self._role.odometry.key}"
+            return f"no {self._key_of(self._role.odometry)}"
         x, y, yaw = odometry.pose.pose.to_planar()
         speed = math.hypot(*odometry.twist.twist.to_planar()[:2])
         where = f"x {x:+.2f} y {y:+.2f} m {math.degrees(yaw):+4.0f}°  {speed:.2f} m/s"
@@ -131,7 +128,7 @@ class Driven:
 
     def note(self) -> str:
         """Return the reason why commands are not obeyed; empty if they are."""
-        key = join_key(self._role.command.key, self._robot)
+        key = self._key_of(self._role.command)
         if join_key(self._role.service, self._robot) not in self._presence.names:
             return f"nobody listens to {key}: is `mecazen up teleop` running?"
         if self._obeys:
@@ -147,6 +144,17 @@ class Driven:
     def _recent(self, what: str, within_s: float) -> Any:
         came_s, message = self._last.get(what, (-math.inf, None))
         return message if time.monotonic() - came_s < within_s else None
+
+    def _key_of(self, topic: Topic[Any]) -> str:
+        return self._bus.key_of(of_robot(topic, self._robot))
+
+    def _join(self) -> None:
+        """Subscribe to the commands of other clients and to the state of the driven body."""
+        bus, role, robot = self._bus, self._role, self._robot
+        bus.subscribe(of_robot(role.command, robot), self._hear_other)
+        heard = (role.odometry, keys.GUARD_STATE) if role is ROBOT else (role.odometry,)
+        for topic in heard:
+            bus.subscribe(of_robot(topic, robot), partial(self._hear, topic.key))
 
     def _hear(self, what: str, message: object, stamp: Stamp | None) -> None:
         del stamp
@@ -167,6 +175,9 @@ class Driven:
         if tables and (robots or self._robot) and self._robot not in robots:
             told = ", ".join(map(printable, robots)) or "one without a name"
             raise ConfigError(f"--robot {self._robot or 'is needed'}: there is {told}")
+        if tables and (renamed := renamed_in(tables)) != self._bus.renamed:
+            self._bus.renamed = renamed
+            self._join()
         if self._role is PERSON and goes_own_way(tables, self._robot):
             self._obeys = OWN_WAY
 

@@ -108,7 +108,7 @@ def up(
         console.print(f"[bold]mecazen[/] starts scenario [bold]{name}[/] ({where})", soft_wrap=True)
         if not _shares_router(loaded.bus):
             supervisor.start_router()
-        with closing(ZenohBus(loaded.bus, "client")) as bus:
+        with closing(ZenohBus(loaded.bus, "client", renamed=loaded.renamed)) as bus:
             status = Status(bus, loaded)
             graph = graph_of(loaded)
             given = [topic.key for topic in keys.TOPICS if graph.giver(topic.key) is not None]
@@ -317,7 +317,7 @@ def hints(scenario: Scenario, name: str) -> list[str]:
     there = "".join(f" --{key} {shlex.quote(value)}" for key, value in options.items() if value)
     drive = '{"linear":{"x":0.3}}'
     odom, cmd_vel, walk = (
-        join_key(topic.key, scenario.names[0])
+        scenario.renamed.get(key := join_key(topic.key, scenario.names[0]), key)
         for topic in (keys.ODOM, keys.CMD_VEL, keys.TARGET_CMD_VEL)
     )
     lines = [
