@@ -11,6 +11,7 @@ from mecazen_experiments.jobs import Job
 from mecazen_experiments.report import RATIO, Kind, Record, Row, meets
 from mecazen_experiments.run import observe
 from mecazen_experiments.scores import Scores, score
+from mecazen_experiments.statistics import LEAST_UNITS
 from mecazen_experiments.tables import CAPTION, Column, show, table
 
 COLUMNS: tuple[Column, ...] = (
@@ -54,7 +55,10 @@ def _limits(row: Row[Scores]) -> str:
 
 def cases(rows: Sequence[Row[Scores]]) -> list[Table]:
     """Return the table of the cases, with their references and limits."""
-    caption = f"{CAPTION}; ✓ where all of it is within a limit of the experiment's file"
+    caption = (
+        f"{CAPTION}; ✓ where all of the interval of {LEAST_UNITS} or more units is within a limit "
+        "of the experiment's file"
+    )
     more = {"of the\nreference": _ratio, "limits": _limits}
     return [table(["case"], COLUMNS, rows, caption=caption, more=more)]
 

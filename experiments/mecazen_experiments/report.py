@@ -17,7 +17,13 @@ from rich.table import Table
 
 from mecazen_experiments.config import Case
 from mecazen_experiments.jobs import Job, Key, Series
-from mecazen_experiments.statistics import Interval, mean_interval, paired_ratio
+from mecazen_experiments.statistics import (
+    LEAST_UNITS,
+    Interval,
+    mean_interval,
+    paired_ratio,
+    share_interval,
+)
 
 T = TypeVar("T")
 
@@ -69,7 +75,7 @@ class Row(msgspec.Struct, Generic[T], frozen=True, omit_defaults=True):
     published: dict[str, float] = {}
     limits: dict[str, float] = {}
     within_limits: bool | None = None
-    """Whether no interval exceeds its limit; None if there are no limits or no intervals."""
+    """Whether no interval exceeds its limit; None without limits, or with few units."""
     d_err_ratio: Interval | None = None
     """Mean D_err relative to that of the case's reference."""
 
@@ -107,6 +113,8 @@ class Kind(NamedTuple, Generic[T]):
     """Scores that are added over runs; others are averaged."""
     least: Sequence[str] = ()
     """Scores of which the minimum over runs is shown."""
+    successes: Sequence[str] = ()
+    """Scores that are 0 or 100 in a run, whose mean is a share of successes [%]."""
 
 
 def summarise(kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]) -> Row[T]:
@@ -179,12 +187,11 @@ def within(means: Mapping[str, Interval], limits: Mapping[str, float]) -> bool |
 def meets(found: Interval | None, limit: float) -> bool | None:
     """Return whether no part of an interval is above a limit.
 
-    A missing score does not meet the limit. The result is None for a single unit, which has no
-    interval.
+    A missing score does not meet the limit. The result is None for fewer than `LEAST_UNITS` units.
     """
     if found is None:
         return False
-    return None if found.n < 2 else found.high <= limit
+    return None if found.n < LEAST_UNITS else found.high <= limit
 
 
 def _runs(
@@ -212,9 +219,12 @@ def _row(
     every = {score: [*chain(*of.values())] for score, of in values.items()}
     sums = {score: sum(every.get(score, ())) for score in kind.sums}
     least = {score: min(every.get(score, ()), default=None) for score in kind.least}
+    by_unit = {score: [*map(fmean, of.values())] for score, of in values.items()}
     means = {
-        score: mean_interval([*map(fmean, of.values())])
-        for score, of in values.items()
+        score: share_interval([value > 0.0 for value in of])
+        if score in kind.successes
+        else mean_interval(of)
+        for score, of in by_unit.items()
         if score not in {*kind.sums, *kind.least}
     }
     return Row(name, means, runs, labels, sums, least)

@@ -1,19 +1,19 @@
-"""Bootstrap intervals of means, and of differences paired by seed."""
+"""Confidence intervals of means, of shares of successes, and of differences paired by seed."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from statistics import fmean
+from statistics import fmean, stdev
 from typing import TypeVar
 
 import msgspec
-import numpy as np
-from scipy.stats import bootstrap, chi2
+from scipy.stats import binomtest, chi2, t
 
-SEED = 1
-"""Seed of the resampling: the same values give the same interval."""
 Key = TypeVar("Key", int, str)
 """The key of a pair of runs: a seed, or the name of an episode."""
+LEAST_UNITS = 10
+"""Minimum number of independent values for a verdict on a limit."""
 
 
 class Interval(msgspec.Struct, frozen=True):
@@ -25,22 +25,34 @@ class Interval(msgspec.Struct, frozen=True):
     n: int
     """The number of independent values."""
 
+    @property
+    def values(self) -> tuple[float, float]:
+        """The two values of a `mean_interval` with n = 2."""
+        half = (self.high - self.mean) / _quantile(2)
+        return self.mean - half, self.mean + half
+
 
 def mean_interval(values: Sequence[float]) -> Interval:
-    """Return the mean of `values` with its bootstrap interval; a single value has no width.
-
-    Bias-corrected and accelerated (BCa), Efron (1987), Better Bootstrap Confidence Intervals:
-    the distribution need not be normal or symmetric.
-    """
+    """Return the mean of `values` with its t interval (Student 1908); one value has no width."""
     if not values:
         raise ValueError("there are no values to take the mean of")
     mean, n = fmean(values), len(values)
     if min(values) == max(values):
         return Interval(mean, mean, mean, n)
-    interval = bootstrap(
-        (np.asarray(values),), np.mean, rng=np.random.default_rng(SEED)
-    ).confidence_interval
-    return Interval(mean, float(interval.low), float(interval.high), n)
+    half = _quantile(n) * stdev(values) / math.sqrt(n)
+    return Interval(mean, mean - half, mean + half, n)
+
+
+def _quantile(n: int) -> float:
+    """Return the 97.5 % quantile of Student's distribution for n values."""
+    return float(t.ppf(0.975, n - 1))
+
+
+def share_interval(successes: Sequence[bool], confidence: float = 0.95) -> Interval:
+    """Return the share of successes [%] with its exact interval (Clopper and Pearson 1934)."""
+    test = binomtest(sum(map(bool, successes)), len(successes))
+    limits = test.proportion_ci(confidence, method="exact")
+    return Interval(*(100.0 * v for v in (test.statistic, limits.low, limits.high)), test.n)
 
 
 def most_per_hour(events: float, hours: float) -> float:
@@ -53,24 +65,9 @@ def most_per_hour(events: float, hours: float) -> float:
 
 
 def paired_ratio(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval | None:
-    """Return the mean of b over that of a, for the keys that both have; None without such keys.
-
-    Both are resampled together, so common effects of a key cancel.
-    """
+    """Return the mean of b / a over the keys that both have; None without such keys."""
     keys = sorted(a.keys() & b.keys())
-    if not keys:
-        return None
-    below, above = ([of[key] for key in keys] for of in (a, b))
-    ratio, n = fmean(above) / fmean(below), len(keys)
-    if len({b[key] / a[key] for key in keys}) == 1:
-        return Interval(ratio, ratio, ratio, n)
-    interval = bootstrap(
-        (np.asarray(above), np.asarray(below)),
-        lambda x, y, axis: np.mean(x, axis=axis) / np.mean(y, axis=axis),
-        paired=True,
-        rng=np.random.default_rng(SEED),
-    ).confidence_interval
-    return Interval(ratio, float(interval.low), float(interval.high), n)
+    return mean_interval([b[key] / a[key] for key in keys]) if keys else None
 
 
 def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval:
@@ -79,3 +76,20 @@ def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interva
     Common effects of a seed, such as its noise, cancel in the difference.
     """
     return mean_interval([b[key] - a[key] for key in sorted(a.keys() & b.keys())])
+
+
+def paired_share_difference(a: Mapping[Key, bool], b: Mapping[Key, bool]) -> Interval:
+    """Return the share of successes of b minus that of a [%], over the keys that both have.
+
+    The interval is conservative: the shares of the pairs that only b and only a succeeds in have
+    97.5 % each, so both hold with at least 95 %.
+    """
+    keys = sorted(a.keys() & b.keys())
+    only_a = share_interval([a[key] and not b[key] for key in keys], 0.975)
+    only_b = share_interval([b[key] and not a[key] for key in keys], 0.975)
+    mean, low, high = (
+        only_b.mean - only_a.mean,
+        only_b.low - only_a.high,
+        only_b.high - only_a.low,
+    )
+    return Interval(mean, low, high, len(keys))

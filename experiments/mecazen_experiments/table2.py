@@ -48,19 +48,20 @@ def tables(rows: Sequence[Row[Scores]]) -> tuple[Table, Table]:
             raise ConfigError(f"kind = 'paper' needs a case named {name!r}")
         if any(score not in by_name[name].means for score in MEASURES):
             raise ConfigError(f"kind = 'paper': no person walks in the case {name!r}")
+    seeds = by_name[CASES[0]].units
     compared = Table(
         "",
         *(f"{who}\n{variant}" for variant in PAPER_VARIANTS for who in ("paper", "ours")),
         "ours\nbest",
         title="Table II",
-        caption="ours: means over the seeds, each with its 95 % interval",
+        caption=f"ours: means over n = {seeds} seeds, each with its 95 % interval",
         show_lines=True,
     )
     gained = Table(
         "",
         *(f"{variant}\nover {over}" for variant, over in PAIRS),
         title="Gains",
-        caption="reduction of the error, paired by seed, with its 95 % interval",
+        caption=f"reduction of the error, paired by n = {seeds} seeds, with its 95 % interval",
         show_lines=True,
     )
     for view in VIEWS:

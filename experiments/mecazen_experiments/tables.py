@@ -12,7 +12,10 @@ from rich.text import Text
 from mecazen_experiments.report import Row
 from mecazen_experiments.statistics import Interval
 
-CAPTION = "means, each with its 95 % interval over the independent units: recorded walks, or seeds"
+CAPTION = (
+    "means, each with its 95 % interval over the n independent units: recorded walks, or seeds; of "
+    "two units, both values"
+)
 
 Column = tuple[str, str, int]
 """Heading, name of a score, and digits to show."""
@@ -35,7 +38,7 @@ def table(
     columns = list(columns)
     shown = Table(
         *(Head(head, overflow="fold", no_wrap=len(heads) > 1) for head in heads),
-        *("runs", *(heading for heading, *_ in columns), *more),
+        *("n", *(heading for heading, *_ in columns), *more),
         show_lines=True,
         title=title,
         caption=caption,
@@ -51,15 +54,17 @@ def table(
 
 def _count(row: Row[Any]) -> str:
     n = len(row.runs)
-    return str(n) if row.units == n else f"{n}\n{row.units} units"
+    return str(n) if row.units == n else f"{row.units}\n{n} runs"
 
 
 def show(interval: Interval | None, digits: int) -> str:
-    """Return a mean and, on a separate line, its interval if there are several values."""
+    """Return a mean and, on a separate line, its interval; of two units, return both values."""
     if interval is None:
         return "-"
     if interval.n == 1:
         return f"{interval.mean:.{digits}f}"
+    if interval.n == 2:
+        return ", ".join(f"{value:.{digits}f}" for value in interval.values)
     return "{0:.{3}f}\n[dim]{1:.{3}f} … {2:.{3}f}[/]".format(
         interval.mean, interval.low, interval.high, digits
     )

@@ -16,7 +16,8 @@ def test_a_row_is_the_mean_of_its_runs():
     row = made_up.row("short", 0.1, 0.2, 0.6)
     mean = row.means["d_err_m"]
     assert (mean.mean, mean.n) == (pytest.approx(0.3, abs=1e-12), 3)  # a few roundings
-    assert 0.1 <= mean.low < mean.mean < mean.high <= 0.6
+    # 4.303 (Student's distribution, n = 3) times the deviation sqrt(0.07) / sqrt(3)
+    assert (mean.low, mean.high) == pytest.approx((0.3 - 0.6573, 0.3 + 0.6573), abs=1e-3)
     assert [run.record.key.seed for run in row.runs] == [1, 2, 3]
 
 
@@ -69,23 +70,31 @@ def test_views_of_one_case_and_seed_are_one_unit_and_cases_are_several():
 )
 def test_limits_are_met_where_no_interval_reaches_above_them(limits, expected):
     found = {
-        "d_err_m": Interval(0.2, 0.1, 0.3, 5),
-        "theta_err_deg": Interval(2.0, 2.0, 2.0, 5),
-        "lost_s": Interval(0.0, 0.0, 0.0, 1),
+        "d_err_m": Interval(0.2, 0.1, 0.3, 10),
+        "theta_err_deg": Interval(2.0, 2.0, 2.0, 10),
+        "lost_s": Interval(0.0, 0.0, 0.0, 9),  # too few units for a verdict
     }
     assert within(found, limits) is expected
 
 
 @pytest.mark.parametrize(("max_ratio", "expected"), [(None, None), (2.5, True), (1.9, False)])
 def test_a_row_is_related_to_its_reference_in_pairs(max_ratio, expected):
-    clean, records = made_up.series("clean", {(None, 1): 0.1, (None, 2): 0.2})
+    errors = {(None, seed): 0.1 * seed for seed in range(1, 11)}
+    clean, records = made_up.series("clean", errors)
     case = {"reference": "clean", "max_ratio": max_ratio}
-    fault, more = made_up.series("fault", {(None, 1): 0.2, (None, 2): 0.4}, **case)
+    fault, more = made_up.series("fault", {run: 2.0 * of for run, of in errors.items()}, **case)
     rows = [summarise(FOLLOWING, clean, records), summarise(FOLLOWING, fault, more)]
     first, second = relate(FOLLOWING, rows, [clean, fault])
     assert (first.d_err_ratio, first.within_limits) == (None, None)
     assert second.d_err_ratio.mean == pytest.approx(2.0)
     assert second.within_limits is expected
+
+
+def test_a_success_of_all_runs_has_an_exact_interval():
+    kind = FOLLOWING._replace(successes=["d_err_m"])
+    runs = {(None, seed): 100.0 for seed in range(15)}
+    found = summarise(kind, *made_up.series("all", runs)).means["d_err_m"]
+    assert (found.mean, found.low, found.high) == (100.0, pytest.approx(78.2, abs=0.01), 100.0)
 
 
 @pytest.mark.parametrize("kind", [*KINDS.values(), fuzz.EPISODE, fuzz.FREEZES, budget.BOUND])

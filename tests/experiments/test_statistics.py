@@ -1,5 +1,7 @@
 """Intervals of means, by hand and by how often they hold the truth."""
 
+import math
+
 import numpy as np
 import pytest
 from mecazen_experiments.statistics import (
@@ -8,6 +10,8 @@ from mecazen_experiments.statistics import (
     most_per_hour,
     paired_difference,
     paired_ratio,
+    paired_share_difference,
+    share_interval,
 )
 
 
@@ -27,24 +31,48 @@ def test_no_value_and_no_common_seed_are_errors():
         paired_difference({1: 1.0}, {2: 1.0})
 
 
-def test_of_two_values_the_interval_is_between_them():
-    # resamples of two have three means; more than 2.5 % of them are at each end
-    assert mean_interval([1.0, 2.0]) == Interval(mean=1.5, low=1.0, high=2.0, n=2)
+def test_an_interval_is_that_of_student():
+    # n = 2: tan(0.475 pi) = 12.706 times the half distance of the values, 0.5
+    found = mean_interval([1.0, 2.0])
+    assert (found.low, found.high) == pytest.approx((1.5 - 6.353, 1.5 + 6.353), abs=1e-3)
+    assert found.values == pytest.approx((1.0, 2.0), abs=1e-12)  # a few roundings
+    # n = 5: 2.776 (table of Student's distribution) times the deviation sqrt(2.5) / sqrt(5)
+    found = mean_interval([1.0, 2.0, 3.0, 4.0, 5.0])
+    half = 2.776 * math.sqrt(2.5 / 5.0)
+    assert (found.low, found.high) == pytest.approx((3.0 - half, 3.0 + half), abs=1e-3)
 
 
-def test_95_of_100_intervals_hold_the_true_mean():
-    runs = 400
-    intervals = [mean_interval(normal(seed)) for seed in range(runs)]
-    held = sum(interval.low <= 2.0 <= interval.high for interval in intervals)
-    # The bootstrap takes the deviation with 1/n and normal percentiles: of 30 values that is
-    # P(|t29| < 1.96 sqrt(29/30)) = 0.936; ± 4 deviations sqrt(0.936 * 0.064 / 400) = 0.012.
-    assert held / runs == pytest.approx(0.936, abs=4 * 0.012)
-    assert intervals[1] == mean_interval(normal(1))  # the resampling has a seed
+@pytest.mark.parametrize("n", range(2, 31))
+def test_95_of_100_intervals_hold_the_true_mean(n):
+    draws = np.random.default_rng(n).normal(2.0, 1.0, (6000, n)).tolist()
+    held = [interval.low <= 2.0 <= interval.high for interval in map(mean_interval, draws)]
+    # 0.01 is 3.6 deviations sqrt(0.95 * 0.05 / 6000)
+    assert np.mean(held) == pytest.approx(0.95, abs=0.01)
 
 
-def test_the_interval_of_skewed_values_is_skewed():
-    interval = mean_interval(np.random.default_rng(1).exponential(1.0, 30).tolist())
-    assert interval.high - interval.mean > 1.1 * (interval.mean - interval.low)
+@pytest.mark.parametrize(
+    ("successes", "n", "low", "high"),
+    [
+        (15, 15, 100.0 * 0.025 ** (1.0 / 15.0), 100.0),  # all: the limit solves p^15 = 0.025
+        (0, 15, 0.0, 100.0 - 100.0 * 0.025 ** (1.0 / 15.0)),
+        (1, 10, 0.2529, 44.5016),  # Clopper and Pearson's table has 0.3 to 44.5
+    ],
+)
+def test_a_share_of_successes_has_its_exact_interval(successes, n, low, high):
+    found = share_interval([True] * successes + [False] * (n - successes))
+    assert (found.mean, found.n) == (pytest.approx(100.0 * successes / n), n)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=1e-3)
+
+
+def test_shares_are_compared_over_common_pairs_and_never_without_a_width():
+    everything = dict.fromkeys(range(15), True)
+    found = paired_share_difference(everything, everything)
+    # each of two shares of 0 of 15 with 97.5 %: p with (1 - p)^15 = 0.0125
+    wide = 100.0 - 100.0 * 0.0125 ** (1.0 / 15.0)
+    assert found == Interval(0.0, pytest.approx(-wide), pytest.approx(wide), 15)
+    found = paired_share_difference(everything | {0: False, 99: False}, everything | {1: False})
+    assert (found.mean, found.n) == (0.0, 15)
+    assert paired_share_difference({1: False, 2: True}, {1: True, 2: True}).mean == 50.0
 
 
 @pytest.mark.parametrize(("events", "most"), [(0, 2.996), (1, 4.744), (3, 7.754)])
@@ -75,7 +103,7 @@ def test_pairing_narrows_the_interval_of_what_a_seed_does_to_both():
     assert paired.high - paired.low < 0.2 * (unpaired.high - unpaired.low)
 
 
-def test_a_ratio_is_that_of_the_means_of_pairs():
+def test_a_ratio_is_the_mean_of_the_ratios_of_pairs():
     assert paired_ratio({1: 2.0, 2: 4.0}, {1: 3.0, 2: 6.0, 3: 9.0}) == Interval(1.5, 1.5, 1.5, 2)
     assert paired_ratio({1: 2.0}, {1: 3.0}) == Interval(1.5, 1.5, 1.5, 1)
     assert paired_ratio({1: 2.0}, {2: 3.0}) is None
@@ -88,8 +116,8 @@ def test_the_interval_of_a_ratio_holds_it_and_is_narrow_where_pairs_are_alike():
         dict(enumerate(2.0 * common + normal(2, deviation=0.1))),
     )
     ratio = paired_ratio(before, after)
-    # (2 * 5 + 2) / 5 but for the sample's own mean
+    # 2 + 2 / x; the mean of 1 / x is 1 / 5 but for 1 / 5^2, and the sample's own mean
     assert ratio.low < ratio.mean < ratio.high
     assert ratio.mean == pytest.approx(2.4, rel=0.1)
-    # the shift of 2 over the varying mean: 2 / 5 * 1 / 5 / sqrt(30) by 4 deviations
-    assert ratio.high - ratio.low < 0.06
+    # its deviation is about that of 2 / x: 2 * 1 / 5^2 = 0.08, twice 2.05 of it over sqrt(30)
+    assert ratio.high - ratio.low < 2.0 * 0.06
