@@ -12,14 +12,28 @@ from mecazen.geometry_batch import to_rectangle
 from mecazen.robot import Robot
 from mecazen.skeleton import INDEX, LIMBS
 
-from mecazen_experiments.table import Floats, Poses
+from mecazen_experiments.table import Bools, Floats, Poses
 
+CAUSED_M_S = 0.05
+"""Speed of the robot towards a person above which a contact that begins is caused by the robot."""
 _STEPS = 40
 """Steps of the search for the nearest point of a segment, to a precision of 1e-7 of its length."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _BEGINS = [INDEX[limb.begin] for limb in LIMBS]
 _ENDS = [INDEX[limb.end] for limb in LIMBS]
 _RADII = np.array([limb.radius for limb in LIMBS])
+
+
+def drives_at(before: Floats, after: Floats, step_s: float) -> Bools:
+    """Return whether a robot drives at a person in a step: the only definition of its part.
+
+    Args:
+        before: Gaps before the step [m].
+        after: Gaps to the same place of the person after the robot's move [m].
+        step_s: Duration of the step [s].
+    """
+    with np.errstate(invalid="ignore"):
+        return (before - after) / step_s > CAUSED_M_S
 
 
 def height_of(robot: Robot) -> float:

@@ -14,9 +14,9 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.standoff import Standoff
 
-from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person, height_of
-from mecazen_experiments.scores import deviations, first_motion, score
-from mecazen_experiments.table import Floats
+from mecazen_experiments.gaps import drives_at, gap_to_obstacle, gap_to_person, height_of
+from mecazen_experiments.scores import first_motion, score
+from mecazen_experiments.table import Bools, Floats
 from mecazen_experiments.watch import PELVIS, PersonOverTime, Watched
 
 TTC_S = 1.0
@@ -26,10 +26,6 @@ STILL_M_S = 0.03
 """Speed below which a robot counts as standing."""
 AWAY_M = 0.5
 """Distance from its goal beyond which a standing robot is frozen, while its person walks."""
-CAUSED_M_S = 0.05
-"""Minimum speed of the robot towards a person at which the robot has caused a contact."""
-
-Bools = npt.NDArray[np.bool_]
 
 
 class Safety(msgspec.Struct, frozen=True):
@@ -56,8 +52,7 @@ class Safety(msgspec.Struct, frozen=True):
     regain_s: float
     """Longest time without a frame that shows the person."""
     d_err_m: float | None
-    """Mean error of distance, and of the view angle in the next score, while the person is in
-    view."""
+    """As in `Score`, like the next one."""
     theta_err_deg: float | None
     frozen_s: float
     """Time in which the robot stands 0.5 m or more from its goal while the person walks."""
@@ -78,7 +73,7 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
     begins_s = float(seen.table["t_s"][begin])
     frames = seen.seen.where(seen.seen.t >= begins_s)
     looked, shown = frames.t, frames.reported
-    distance, heading = _errors(seen, standoff, looked, shown)
+    following = score(seen.table, standoff).whole
     return Safety(
         contacts_person=_caused(robot, seen, seen.person, to_person),
         contacts_person_all=len(_onsets(to_person)),
@@ -94,10 +89,10 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
         conflict_s=float(np.sum(_in_conflict(seen, [to_person, *to_others], step))) * step,
         view_percent=100.0 * float(np.mean(shown)) if len(shown) else 0.0,
         regain_s=_longest_gap(looked, shown),
-        d_err_m=distance,
-        theta_err_deg=heading,
+        d_err_m=following.d_err_m,
+        theta_err_deg=following.theta_err_deg,
         frozen_s=_frozen(seen, standoff, begin),
-        jerk_rms_m_s3=score(seen.table, standoff).whole.jerk_rms_m_s3,
+        jerk_rms_m_s3=following.jerk_rms_m_s3,
         time_s=float(seen.table["t_s"][-1]),
     )
 
@@ -115,8 +110,8 @@ def _world(robot: Robot, seen: Watched, world: WorldConfig) -> Floats:
 def _caused(robot: Robot, seen: Watched, body: PersonOverTime, gap: Floats) -> int:
     """Return the number of contacts with a person that begin while the robot drives at the person.
 
-    The robot's share in closing the gap is the change of the gap if only the robot moves to its
-    pose one sample later.
+    The robot drives at the person if its move to its pose one sample later closes the gap, see
+    `gaps.drives_at`.
     """
     onsets = _onsets(gap)
     if not len(onsets):
@@ -125,9 +120,7 @@ def _caused(robot: Robot, seen: Watched, body: PersonOverTime, gap: Floats) -> i
         **{name: np.append(column[1:], column[-1]) for name, column in seen.robot._asdict().items()}
     )
     step = float(np.mean(np.diff(seen.t)))
-    with np.errstate(invalid="ignore"):
-        closing = (gap - gap_to_person(robot, later, *body)) / step
-    return int(np.sum(closing[onsets] > CAUSED_M_S))
+    return int(np.sum(drives_at(gap, gap_to_person(robot, later, *body), step)[onsets]))
 
 
 def _onsets(gap: Floats) -> npt.NDArray[np.int64]:
@@ -150,16 +143,6 @@ def _in_conflict(seen: Watched, gaps: Sequence[Floats], step: float) -> Bools:
         with np.errstate(invalid="ignore"):
             found |= (closing > 0.0) & (np.maximum(gap, 0.0) < TTC_S * closing)
     return found
-
-
-def _errors(
-    seen: Watched, standoff: Standoff, looked: Floats, shown: Bools
-) -> tuple[float | None, float | None]:
-    if not shown.any():
-        return None, None
-    distance, _, heading = deviations(seen.table, standoff)
-    at = seen.table.ticks(looked[shown])
-    return float(np.mean(np.abs(distance[at]))), math.degrees(float(np.mean(np.abs(heading[at]))))
 
 
 def _longest_gap(looked: Floats, shown: Bools) -> float:

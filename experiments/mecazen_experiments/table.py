@@ -13,6 +13,7 @@ from mecazen.geometry import Pose2D
 from mecazen_tools.trajectory import COLUMNS, Trajectory
 
 Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 
 def wrap(angles: Floats) -> Floats:

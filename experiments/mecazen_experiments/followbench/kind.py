@@ -24,7 +24,7 @@ from mecazen_experiments.followbench.generate import (
     scenarios,
     tracks,
 )
-from mecazen_experiments.followbench.metrics import Metrics, compare, measure
+from mecazen_experiments.followbench.metrics import SUCCESSES, Metrics, compare, measure
 from mecazen_experiments.followbench.own import COLUMNS as OWN_COLUMNS
 from mecazen_experiments.followbench.own import OwnRun, own_run
 from mecazen_experiments.followbench.play import Record as Played
@@ -35,7 +35,6 @@ from mecazen_experiments.jobs import Job, Key, Series, version, with_content
 from mecazen_experiments.report import Kind, Record, Row, regroup
 from mecazen_experiments.run import file_name
 from mecazen_experiments.safety import MORE, SAFETY
-from mecazen_experiments.statistics import Interval
 from mecazen_experiments.tables import Column, table
 from mecazen_experiments.watch import watch
 
@@ -71,10 +70,8 @@ COLUMNS: tuple[Column, ...] = (
     ("caused\n\\[%]", "caused_contact", 0),
     ("in view\n\\[%]", "in_view", 0),
     ("D_err\n\\[m]", "d_err_m", 2),
-    ("Θ_err\n\\[°]", "theta_err_deg", 0),
+    ("heading\n\\[°]", "heading_err_deg", 0),
 )
-SHARES = ("sr", "asr", "tvr", "tin_tperson", "tin_private", "caused_contact", "in_view")
-"""Metrics that the tables show in percent."""
 LEVELS = {
     (cls, Density(humans, *size).text): level
     for cls, (size, numbers) in PEOPLE_OF_LAYOUTS.items()
@@ -248,7 +245,7 @@ def _pairs(rows: Sequence[Row[Metrics]]) -> list[Row[Metrics]]:
     return [
         Row(
             f"{follower}, {kind}",
-            {n: _scaled(n, v) for n, v in compare(runs[first, kind], found).items()},
+            compare(runs[first, kind], found),
             runs=tuple(r for row in rows if _total(row) == (follower, kind) for r in row.runs),
             labels={"follower": follower, "minus": first, "in": kind},
         )
@@ -260,11 +257,6 @@ def _pairs(rows: Sequence[Row[Metrics]]) -> list[Row[Metrics]]:
 def _total(row: Row[Any]) -> tuple[str, str]:
     """Return the follower of a row, and whether its scenes are open, layouts or tracks."""
     return str(row.labels["follower"]), _kind_of(row.labels["class"])
-
-
-def _scaled(name: str, value: Interval) -> Interval:
-    part = 100.0 if name in SHARES else 1.0
-    return Interval(part * value.mean, part * value.low, part * value.high, value.n)
 
 
 def own_tables(rows: Sequence[Row[OwnRun]]) -> list[Table]:
@@ -310,11 +302,6 @@ def _tables(
     ]
 
 
-def _in_percent(metrics: Metrics) -> dict[str, float | None]:
-    values = msgspec.structs.asdict(metrics)
-    return {name: 100.0 * v if name in SHARES else v for name, v in values.items()}
-
-
 def draw(folder: Path, rows: Sequence[Row[Metrics]]) -> list[Path]:
     """Write the figure of the success rates in open scenes into a folder, and return the files."""
     from mecazen_experiments.followbench import figure  # noqa: PLC0415  # imports Matplotlib
@@ -356,7 +343,14 @@ def rows_of(file: Path) -> list[Row[Metrics]]:
         raise ConfigError(f"--leaderboard {file}: no result of followbench: {error}") from None
 
 
-FOLLOWBENCH = Kind("followbench", Record[Metrics], _measure, _in_percent, tables)
+FOLLOWBENCH = Kind(
+    "followbench",
+    Record[Metrics],
+    _measure,
+    msgspec.structs.asdict,
+    tables,
+    successes=SUCCESSES,
+)
 """Table A: the robot and rules of Follow-Bench."""
 OWN_ROBOT = Kind(
     "followbench_own",

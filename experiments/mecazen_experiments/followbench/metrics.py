@@ -18,7 +18,12 @@ from mecazen.portable import Floats, arctan2
 from mecazen_experiments.followbench.play import Record
 from mecazen_experiments.followbench.unicycle import HALF, PERSON_RADIUS, gaps
 from mecazen_experiments.followbench.view import Place
-from mecazen_experiments.statistics import Interval, paired_difference
+from mecazen_experiments.gaps import drives_at
+from mecazen_experiments.statistics import (
+    Interval,
+    paired_difference,
+    paired_share_difference,
+)
 from mecazen_experiments.table import wrap
 
 RADII_M = math.hypot(*HALF) + PERSON_RADIUS
@@ -29,13 +34,17 @@ MIN_SPEED_M_S = 0.01
 """Speed below which the target keeps its heading."""
 
 
+SUCCESSES = "sr", "asr", "caused_contact"
+"""Metrics that are 0 or 100 in an episode."""
+
+
 class Metrics(msgspec.Struct, frozen=True):
-    """The measures of an episode; shares are between 0 and 1."""
+    """The measures of an episode; shares in percent."""
 
     sr: float
-    """1 for a success: no contact, and never out of sight for too long."""
+    """100 for a success: no contact, and never out of sight for too long."""
     asr: float
-    """1 without contact."""
+    """100 without contact."""
     tvr: float
     """Share of the longest possible episode with the target visible."""
     tin_tperson: float
@@ -51,13 +60,13 @@ class Metrics(msgspec.Struct, frozen=True):
     """Length of the path while the target is out of sight."""
     search_time_s: float
     caused_contact: float
-    """1 for a contact that the robot caused, see `has_caused_contact`. This metric and the
+    """100 for a contact that the robot caused, see `has_caused_contact`. This metric and the
     following ones are not part of Follow-Bench."""
     in_view: float
     """Share of the driven steps with the target visible."""
     d_err_m: float
     """Mean of |D - D0|; D is the distance from axle to target."""
-    theta_err_deg: float | None
+    heading_err_deg: float | None
     """Mean error of the robot's heading; None beside a target that never moves.
 
     Behind the target the robot shall face the target; beside it, the robot shall face the direction
@@ -79,21 +88,21 @@ def measure(record: Record, place: Place, distance: float) -> Metrics:
     has_kept = _longest((~visible).tolist()) <= record.max_search_steps
     heading_errors = _heading_errors(record, place)
     return Metrics(
-        sr=float(has_avoided and has_kept),
-        asr=float(has_avoided),
-        tvr=float(np.count_nonzero(visible) / most),
-        tin_tperson=float(np.count_nonzero((free > PRIVATE_M) & (free < PERSONAL_M)) / most),
-        tin_private=float(np.count_nonzero(nearest < PRIVATE_M) / most),
+        sr=100.0 * (has_avoided and has_kept),
+        asr=100.0 * has_avoided,
+        tvr=100.0 * np.count_nonzero(visible) / most,
+        tin_tperson=100.0 * np.count_nonzero((free > PRIVATE_M) & (free < PERSONAL_M)) / most,
+        tin_private=100.0 * np.count_nonzero(nearest < PRIVATE_M) / most,
         pl_m=float(path.sum()),
         avg_vel_m_s=_mean_norm(velocity),
         avg_acc_m_s2=_mean_norm(np.diff(velocity, axis=0, prepend=velocity[:1]) / dt),
         jerk_m_s3=_mean_norm(np.diff(velocity, n=2, axis=0, prepend=velocity[:2]) / dt**2),
         search_path_m=float(path[~visible[1:]].sum()),
         search_time_s=float(np.count_nonzero(~visible) * dt),
-        caused_contact=float(has_caused_contact(record)),
-        in_view=float(visible.mean()),
+        caused_contact=100.0 * has_caused_contact(record),
+        in_view=100.0 * float(visible.mean()),
         d_err_m=float(np.abs(to_target - distance).mean()),
-        theta_err_deg=float(np.degrees(np.abs(heading_errors).mean()))
+        heading_err_deg=float(np.degrees(np.abs(heading_errors).mean()))
         if len(heading_errors)
         else None,
     )
@@ -115,19 +124,28 @@ def has_caused_contact(record: Record) -> bool:
     """Return whether the episode ended in a contact that the robot caused.
 
     A contact arises in the robot's move of the last step, or in a person's move of the previous
-    step. The robot caused the contact if the person would not have touched the outline of a robot
-    that stands still in that step. The robot always causes a contact with a box.
+    step. The robot caused it if it drove at the person in that step, see `gaps.drives_at`. The
+    robot always causes a contact with a box.
     """
     if not record.collided:
         return False
     last = len(record.robot) - 1
-    poses = [Pose2D(*record.robot[max(last - back, 0)].tolist()) for back in range(3)]
-    people = np.vstack((record.target[last - 1], record.humans[last - 1]))
-    touched = people[gaps(poses[0], people) <= 0.0]
-    if not len(touched):
+    now, before, earlier = (
+        Pose2D(*record.robot[max(last - back, 0)].tolist()) for back in range(3)
+    )
+    people, were = (
+        np.vstack((record.target[at], record.humans[at])) for at in (last - 1, max(last - 2, 0))
+    )
+    touched = gaps(now, people) <= 0.0
+    if not touched.any():
         return True
-    arose_before = gaps(poses[1], touched) <= 0.0
-    return bool(np.any(~arose_before | (gaps(poses[2], touched) > 0.0)))
+    gap, gap_before = gaps(before, people), gaps(earlier, were)
+    drove = np.where(
+        gap > 0.0,
+        drives_at(gap, gaps(now, people), record.step_s),
+        drives_at(gap_before, gaps(before, were), record.step_s),
+    )
+    return bool(np.any(drove & touched))
 
 
 def compare(a: Mapping[str, Metrics], b: Mapping[str, Metrics]) -> dict[str, Interval]:
@@ -144,7 +162,8 @@ def compare(a: Mapping[str, Metrics], b: Mapping[str, Metrics]) -> dict[str, Int
         ]
         one, other = ({k: v for k, v in each.items() if v is not None} for each in columns)
         if one.keys() & other.keys():
-            differences[name] = paired_difference(one, other)
+            of = paired_share_difference if name in SUCCESSES else paired_difference
+            differences[name] = of(one, other)
     return differences
 
 
