@@ -81,11 +81,14 @@ def build_ground(robot: Robot, world: WorldConfig) -> Any:
 
 
 def build_obstacles(solids: Sequence[Box | Cylinder]) -> Any:
-    """Return the skeleton of all obstacles: bodies of one skeleton do not collide."""
+    """Return the skeleton of all obstacles, a body with a shape for each.
+
+    A body for each would take time that grows with the square of their number.
+    """
     skeleton = dart.dynamics.Skeleton("obstacles")
+    _, body = skeleton.createWeldJointAndBodyNodePair()
     for solid in solids:
         height, bottom = solid.size_m[-1], getattr(solid, "bottom_m", 0.0)
-        joint, body = skeleton.createWeldJointAndBodyNodePair()
         if isinstance(solid, Box):
             shape = dart.dynamics.BoxShape(list(solid.size_m))
             yaw = math.radians(solid.yaw_deg)
@@ -93,8 +96,7 @@ def build_obstacles(solids: Sequence[Box | Cylinder]) -> Any:
             shape = dart.dynamics.CylinderShape(*solid.size_m)
             yaw = 0.0
         pose = _planar(Pose2D(*solid.position_m, yaw), bottom + height / 2)
-        joint.setTransformFromParentBodyNode(pose)
-        _collide(body, shape, solid.friction)
+        _collide(body, shape, solid.friction).setRelativeTransform(pose)
     skeleton.setMobile(False)
     return skeleton
 
