@@ -13,10 +13,10 @@ COPY tools /src/tools
 RUN pip wheel --no-deps -w /wheels /src/common /src/ros2 /src/tools
 
 # all images share these layers; the router needs no more. The ROS side is among them, since
-# bus.ros2=true is for all services, and the recorder needs it
+# bus.ros2=true is for all services, and the recorder needs it; a scenario may name a map
 FROM base AS sdk
 COPY --from=sdk-wheel /wheels /wheels
-RUN pip install /wheels/*
+RUN pip install /wheels/* numpy pillow pyyaml
 WORKDIR /mecazen
 USER 1000:1000
 ENTRYPOINT ["mecazen"]

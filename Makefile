@@ -114,7 +114,7 @@ LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
 
 .venv-common/ready: constraints.txt common/pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-common,1/2)
-	@$(call install,.venv-common,2/2,the SDK alone,-e ./common[arrays] --group test)
+	@$(call install,.venv-common,2/2,the SDK alone,-e ./common[arrays,maps] --group test)
 	@touch $@
 
 .venv-people/ready: constraints.txt common/pyproject.toml people/pyproject.toml | .venv-pip/ready

@@ -1,36 +1,49 @@
-"""Occupancy images, as ROS's map_server has them: a YAML file and a PGM picture become boxes.
+"""Occupancy maps, as ROS's map_server has them: a YAML file and a picture become boxes.
 
-Only a part of YAML is supported: `key: value` lines, with numbers, words and lists of
-numbers. https://docs.nav2.org/configuration/packages/map_server has the keys.
+https://docs.nav2.org/configuration/packages/map_server has the keys and the modes.
 """
 
 from __future__ import annotations
 
 import math
-import re
-from array import array
-from collections.abc import Callable, Iterable, Sequence
-from itertools import islice
+import warnings
+from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
-from sys import byteorder
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import msgspec
 
 from mecazen.errors import ConfigError
+from mecazen.explain import one_line
 from mecazen.files import read_bytes
 from mecazen.geometry import Pose2D
+from mecazen.schema import Probability
 
 HEIGHT_M = 2.0
 """Height of the boxes [m]."""
-MAX_SETTINGS_BYTES = 1 << 20
+MAX_SETTINGS_BYTES = 1 << 16
 MAX_PIXELS = 4096 * 4096
-MAX_SIDE = 1 << 16
-"""Maximum width and height [pixels]."""
-MAX_BOXES = 2000
-"""Maximum number of boxes, since each costs time in every scan and in every step near it."""
+MAX_BOXES = 5_000
+"""Maximum number of boxes, with which a run is still faster than real time on one core; Nav2's
+warehouse needs 2,172."""
+
+
+class _Settings(msgspec.Struct):
+    """The keys of map_server's YAML file that boxes depend on; `free_thresh` is not one."""
+
+    image: str
+    resolution: Annotated[float, msgspec.Meta(ge=0.001, le=10.0)]
+    """Side of a cell [m]."""
+    origin: tuple[float, float, float]
+    """Pose of the lower left corner [m, m, rad]."""
+    occupied_thresh: Probability
+    negate: bool = False
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
 
 
 def take_map(world: dict[str, Any], locate: Callable[[str], Path]) -> None:
-    """Add the boxes of the occupancy image that a world names to the world's obstacles.
+    """Add the boxes of the occupancy map that a world names to the world's obstacles.
 
     Args:
         world: Table of the world; wrong types are refused later, when the table is converted.
@@ -46,104 +59,114 @@ def take_map(world: dict[str, Any], locate: Callable[[str], Path]) -> None:
 
 
 def read_map(path: Path) -> list[dict[str, Any]]:
-    """Return the occupied cells of an occupancy image, as tables of boxes for `[world]`.
+    """Return the occupied cells of an occupancy map, as tables of boxes for `[world]`.
 
-    Cells above `occupied_thresh` are occupied; unknown cells are free.
+    Cells are occupied from `occupied_thresh` on, of 100 in the mode `raw`; unknown cells are free.
 
     Raises:
-        ConfigError: One line with the file and what is wrong with it.
+        ConfigError: One line with the file and what is wrong with it, or the missing libraries.
     """
-    settings = _read_settings(path)
+    content = read_bytes(path, MAX_SETTINGS_BYTES)
     try:
-        image = path.parent / settings["image"]
-        resolution = float(settings["resolution"])
-        x, y, yaw = (float(number) for number in settings["origin"].strip("[] ").split(","))
-        threshold, negate = float(settings["occupied_thresh"]), settings.get("negate", "0")
-    except (KeyError, ValueError) as error:
+        settings = msgspec.yaml.decode(content, type=_Settings, strict=False)
+    except ImportError:
+        raise ConfigError(_MISSING) from None
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
+        raise ConfigError(one_line(f"{path}: {error}")) from None
+    if not all(map(math.isfinite, settings.origin)):
+        raise ConfigError(f"{path}: origin: got {settings.origin}; allowed: finite numbers")
+    image = path.parent / settings.image
+    cells = _occupied(image, settings)
+    try:
+        rectangles = _rectangles(cells)
+    except OverflowError:
         raise ConfigError(
-            f"{path}: needs image, resolution, origin = [x, y, yaw] and occupied_thresh: {error}"
+            f"{image}: its {int(cells.sum()):,} occupied cells need more than {MAX_BOXES:,} boxes; "
+            "remove single cells (noise) in an image editor, or save it at a coarser resolution"
         ) from None
-    if not 0.001 <= resolution <= 10.0:
-        raise ConfigError(f"{path}: resolution: got {resolution:g}; allowed: 0.001 to 10 m")
-    if not all(map(math.isfinite, (x, y, yaw, threshold))):
-        raise ConfigError(f"{path}: origin and occupied_thresh must be finite")
-    width, rows, white, pixels = _read_pgm(image)
-    shown = [level if negate in ("1", "true") else white - level for level in range(white + 1)]
-    is_occupied = [level > threshold * white for level in shown]
-    cells = bytes([is_occupied[level] for level in pixels])
-    across = _rectangles(cells[row * width : (row + 1) * width] for row in range(rows))
-    rectangles = min(
-        across, _turned(_rectangles(cells[column::width] for column in range(width))), key=len
-    )
-    if len(rectangles) > MAX_BOXES:
-        raise ConfigError(f"{image}: at most {MAX_BOXES} boxes can be simulated, it needs more")
-    origin = Pose2D(x, y, yaw)
+    resolution, origin = settings.resolution, Pose2D(*settings.origin)
     boxes = []
     for top, bottom, left, right in rectangles:
-        middle = Pose2D((left + right) / 2 * resolution, (rows - (top + bottom) / 2) * resolution)
-        at = origin.compose(middle)
+        up = len(cells) - (top + bottom) / 2
+        at = origin.compose(Pose2D((left + right) / 2 * resolution, up * resolution))
         size = [(right - left) * resolution, (bottom - top) * resolution, HEIGHT_M]
         box = {"kind": "box", "size_m": size, "position_m": [at.x, at.y]}
-        boxes.append({**box, "yaw_deg": math.degrees(yaw)})
+        boxes.append({**box, "yaw_deg": math.degrees(origin.yaw)})
     return boxes
 
 
-def _read_settings(path: Path) -> dict[str, str]:
-    text = read_bytes(path, MAX_SETTINGS_BYTES).decode(errors="replace")
-    lines = (line.partition("#")[0].partition(":") for line in text.splitlines())
-    return {key.strip(): value.strip().strip("'\"") for key, colon, value in lines if colon}
+_MISSING = "a map needs the libraries Pillow and PyYAML: pip install 'mecazen[maps]'"
 
 
-def _read_pgm(path: Path) -> tuple[int, int, int, Sequence[int]]:
-    """Return a grey picture, P2 or P5: width, height, white and the pixels, the top row first."""
-    data = read_bytes(path)
-    gap = rb"(?:\s|#[^\n]*\n)+"
-    header = re.match(rb"(P[25])" + gap + gap.join([rb"(\d{1,9})"] * 3) + rb"\s", data)
-    if header is None:
-        raise ConfigError(f"{path}: not a PGM picture (P2 or P5)")
-    width, height, most = (int(number) for number in header.groups()[1:])
-    count = width * height
-    if not 0 < count <= MAX_PIXELS or max(width, height) > MAX_SIDE or not 0 < most < 65536:
-        raise ConfigError(
-            f"{path}: {width} x {height} pixels up to {most}; allowed: at most {MAX_PIXELS} "
-            f"pixels, {MAX_SIDE} along each side, up to 65535"
-        )
-    pixels: Sequence[int]
-    if header[1] == b"P2":
-        body = re.sub(rb"#[^\n]*", b"", data[header.end() :])
-        words = islice(re.finditer(rb"(?<!\S)\d{1,9}(?!\S)", body), count)
-        pixels = array("L", (int(word[0]) for word in words))
-    elif most > 255:
-        body = data[header.end() :][: 2 * count]
-        pixels = array("H", body[: len(body) // 2 * 2])
-        if byteorder == "little":  # PGM is big-endian
-            pixels.byteswap()
-    else:
-        pixels = data[header.end() :][:count]
-    if len(pixels) < count:
-        raise ConfigError(f"{path}: {len(pixels)} pixels of {width} x {height}")
-    if (brightest := max(pixels)) > most:
-        raise ConfigError(f"{path}: a pixel of {brightest}, where {most} is white")
-    return width, height, most, pixels
+def _occupied(path: Path, settings: _Settings) -> Any:
+    """Return which cells of a picture are occupied, the top row first (rows, columns)."""
+    content = read_bytes(path)
+    try:
+        import numpy as np  # noqa: PLC0415  # an extra
+        from PIL import Image  # noqa: PLC0415  # an extra
+    except ImportError:
+        raise ConfigError(_MISSING) from None
+    try:
+        with (
+            warnings.catch_warnings(action="ignore"),  # of Pillow, on large pictures
+            Image.open(BytesIO(content), formats=("BMP", "PNG", "PPM")) as picture,
+        ):
+            width, height = picture.size
+            if width * height > MAX_PIXELS:
+                raise ConfigError(
+                    f"{path}: has {width} x {height} pixels; at most {MAX_PIXELS:,} are allowed: "
+                    "crop it, or save it at a coarser resolution"
+                )
+            wide = picture.mode.startswith("I")  # 16 bits
+            alpha = None if wide else np.asarray(picture.convert("RGBA"))[..., 3]
+            grey = np.asarray(picture if wide else picture.convert("L")) / (257 if wide else 1)
+    except (Image.DecompressionBombError, OSError, SyntaxError, ValueError) as error:
+        raise ConfigError(one_line(f"{path}: no whole PGM, PNG or BMP picture: {error}")) from None
+    threshold = settings.occupied_thresh
+    if settings.mode == "raw":
+        return (grey >= 100.0 * threshold) & (grey <= 100.0)
+    level = grey / 255.0 if settings.negate else 1.0 - grey / 255.0
+    return (level >= threshold) & (True if alpha is None else alpha == 255)
 
 
-def _rectangles(lines: Iterable[bytes]) -> list[tuple[int, int, int, int]]:
-    """Return rectangles (top, bottom, left, right; ends excluded) that cover the cells of 1.
+def _rectangles(cells: Any) -> list[tuple[int, int, int, int]]:
+    """Return rectangles (top, bottom, left, right; ends excluded) that cover the occupied cells.
 
-    Runs of cells in a line grow downwards as long as the next line has the same run. The search
-    ends early if more than `MAX_BOXES` are found.
+    The first cell that is not covered yet grows to a rectangle, along its row first or along its
+    column first, whichever covers more cells. Rectangles may overlap, so fewer are needed.
+
+    Raises:
+        OverflowError: More than `MAX_BOXES` are needed.
     """
-    found: list[tuple[int, int, int, int]] = []
-    growing: dict[tuple[int, int], int] = {}
-    row = -1
-    for row, line in enumerate(lines):
-        runs = dict.fromkeys(run.span() for run in re.finditer(rb"\x01+", line))
-        found += [(top, row, *run) for run, top in growing.items() if run not in runs]
-        growing = {run: growing.get(run, row) for run in runs}
-        if len(found) > MAX_BOXES:
-            break
-    return found + [(top, row + 1, *run) for run, top in growing.items()]
+    rectangles = []
+    uncovered = cells.copy()
+    for row in cells.any(axis=1).nonzero()[0].tolist():
+        for column in uncovered[row].nonzero()[0].tolist():
+            if not uncovered[row, column]:
+                continue  # the rectangle of a cell to the left covers it
+            if len(rectangles) == MAX_BOXES:
+                raise OverflowError
+            wide = _grown(cells, row, column)
+            left, right, top, bottom = _grown(cells.T, column, row)
+            top, bottom, left, right = max(
+                wide,
+                (top, bottom, left, right),
+                key=lambda r: uncovered[r[0] : r[1], r[2] : r[3]].sum(),
+            )
+            uncovered[top:bottom, left:right] = False
+            rectangles.append((top, bottom, left, right))
+    return rectangles
 
 
-def _turned(rectangles: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
-    return [(left, right, top, bottom) for top, bottom, left, right in rectangles]
+def _grown(cells: Any, row: int, column: int) -> tuple[int, int, int, int]:
+    """Return the rectangle of the rows that are occupied along the run of a cell in its row."""
+    free = (~cells[row]).nonzero()[0]
+    after = int(free.searchsorted(column))
+    left = int(free[after - 1]) + 1 if after else 0
+    right = int(free[after]) if after < len(free) else cells.shape[1]
+    top, bottom = row, row + 1
+    while top > 0 and cells[top - 1, left:right].all():
+        top -= 1
+    while bottom < len(cells) and cells[bottom, left:right].all():
+        bottom += 1
+    return top, bottom, left, right

@@ -1,14 +1,17 @@
-"""Occupancy images become few boxes at their places."""
+"""Occupancy maps of ROS become few boxes at their places."""
 
-import random
+import sys
+from io import BytesIO
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from harness import error_of
 from mecazen.errors import ConfigError
 from mecazen.loading import from_tables, load_scenario
-from mecazen.occupancy import read_map
+from mecazen.occupancy import MAX_BOXES, read_map
+from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 
@@ -42,7 +45,7 @@ def test_an_occupancy_image_becomes_few_boxes_at_their_places(tmp_path):
     binary = b"P5 4 3 255\n" + bytes([0, 0, 254, 205, 0, 0, 254, 254, 254, 254, 254, 0])
     for picture in (ASCII, binary):
         block, cell = read_map(map_of(tmp_path, picture))
-        # its upper left corner of 2 x 2 cells, and the lower right cell; y is up
+        # a block of 2 x 2 cells in the upper left corner, and the lower right cell; y is up
         assert (block["size_m"][:2], block["position_m"]) == ([1.0, 1.0], [1.5, 3.0])
         assert (cell["size_m"][:2], cell["position_m"]) == ([0.5, 0.5], [2.75, 2.25])
     (turned, _) = read_map(map_of(tmp_path, ASCII, origin="[0.0, 0.0, 1.5707963267948966]"))
@@ -65,45 +68,126 @@ def test_an_override_names_an_occupancy_image_as_well(tmp_path):
     assert len(scenario.world.solids) == 2
 
 
-def test_random_cells_are_covered_exactly_once(tmp_path):
-    chance = random.Random(1)
-    cells = [[chance.random() < 0.3 for _ in range(40)] for _ in range(30)]
-    picture = b"P5\n40 30\n255\n" + bytes([0 if cell else 255 for row in cells for cell in row])
-    boxes = read_map(map_of(tmp_path, picture, resolution=1.0, origin="[0, 0, 0]"))
-    count = [[0] * 40 for _ in range(30)]
+def encoded(grey, suffix: str, mode: str = "L") -> bytes:
+    file = BytesIO()
+    Image.fromarray(grey).convert(mode).save(file, suffix)
+    return file.getvalue()
+
+
+def occupied(boxes, shape, resolution):
+    """Return the cells that boxes cover, the top row first; boxes end at the edges of cells."""
+    cells = np.zeros(shape, bool)
     for box in boxes:
         (x, y), (length, width, _) = box["position_m"], box["size_m"]
-        left, low = round(x - length / 2), round(y - width / 2)
-        for row in count[low : low + round(width)]:
-            for column in range(left, left + round(length)):
-                row[column] += 1
-    assert count[::-1] == cells
+        left, low, across, up = (
+            round(n / resolution, 6) for n in (x - length / 2, y - width / 2, length, width)
+        )
+        assert all(n == round(n) for n in (left, low, across, up))
+        rows = slice(int(shape[0] - low - up), int(shape[0] - low))
+        cells[rows, int(left) : int(left + across)] = True
+    return cells
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
+def test_boxes_cover_the_occupied_cells_alone(share, tmp_path):
+    cells = np.random.default_rng(1).random((30, 40)) < share
+    picture = encoded(np.where(cells, 0, 255).astype("u1"), "PPM")
+    boxes = read_map(map_of(tmp_path, picture, origin="[0, 0, 0]"))
+    assert (occupied(boxes, cells.shape, 0.5) == cells).all()
+
+
+def test_crossing_walls_are_one_box_each(tmp_path):
+    grey = np.full((21, 31), 254, "u1")
+    grey[10] = grey[:, 5] = grey[:, 25] = 0
+    assert len(read_map(map_of(tmp_path, encoded(grey, "PPM")))) == 3
+
+
+GREYS = np.array([[0, 40, 65, 100, 205, 254, 255]], "u1")
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        # 1 - 65/255 = 0.75 and 1 - 100/255 = 0.61, of which 0.65 is the threshold
+        ({}, "1110000"),
+        ({"mode": "scale"}, "1110000"),
+        ({"negate": 1}, "0000111"),  # 205/255 = 0.80
+        ({"negate": "true"}, "0000111"),
+        # raw levels are shares of 100; those above are unknown
+        ({"mode": "raw"}, "0011000"),
+        ({"mode": "raw", "occupied_thresh": 0.9}, "0001000"),
+        ({"occupied_thresh": 1.0}, "1000000"),
+    ],
+)
+def test_modes_and_thresholds_are_those_of_map_server(changes, expected, tmp_path):
+    for suffix, mode in (("PPM", "L"), ("PNG", "L"), ("PNG", "P"), ("PNG", "RGBA"), ("BMP", "L")):
+        path = map_of(tmp_path, encoded(GREYS, suffix, mode), origin="[0, 0, 0]", **changes)
+        cells = occupied(read_map(path), GREYS.shape, 0.5)
+        assert "".join(str(int(cell)) for cell in cells[0]) == expected, (suffix, mode)
+
+
+def test_transparent_cells_are_unknown_and_16_bits_are_read(tmp_path):
+    half = Image.fromarray(np.zeros((1, 2), "u1")).convert("RGBA")
+    half.putalpha(Image.fromarray(np.array([[255, 0]], "u1")))
+    file = BytesIO()
+    half.save(file, "PNG")
+    (box,) = read_map(map_of(tmp_path, file.getvalue(), origin="[0, 0, 0]"))
+    assert box["position_m"] == [0.25, 0.25]
+    wide = np.array([[0, 65535]], ">u2").tobytes()
+    for picture in (
+        b"P5 2 1 65535\n" + wide,
+        encoded(np.array([[0, 65535]], "u2"), "PNG", "I;16"),
+    ):
+        (box,) = read_map(map_of(tmp_path, picture, origin="[0, 0, 0]"))
+        assert box["position_m"] == [0.25, 0.25]
+
+
+def test_origins_are_read_in_both_styles_of_yaml(tmp_path):
+    path = map_of(tmp_path, ASCII, origin="\n- 1.0\n- 2.0\n- 0.0")
+    assert read_map(path)[0]["position_m"] == [1.5, 3.0]
 
 
 @pytest.mark.parametrize(
     ("picture", "changes", "expected"),
     [
-        (b"P6 1 1 255\n000", {}, "map.pgm: not a PGM picture (P2 or P5)"),
-        (b"P5 99999 99999 255\n0", {}, "map.pgm: 99999 x 99999 pixels up to 255; allowed: at most"),
-        (b"P5 99999 1 255\n0", {}, "pixels, 65536 along each side"),
-        (b"P5 4 3 255\n0", {}, "map.pgm: 1 pixels of 4 x 3"),
-        (b"P5 2 2 65535\n000", {}, "map.pgm: 1 pixels of 2 x 2"),
-        (b"P2 1 1 255\n" + b"9" * 5000, {}, "map.pgm: 0 pixels of 1 x 1"),
-        (b"P2 2 1 7\n7 8", {}, "map.pgm: a pixel of 8, where 7 is white"),
-        (ASCII, {"resolution": 0.0}, "map.yaml: resolution: got 0; allowed: 0.001 to 10 m"),
-        (ASCII, {"origin": "[0, nan, 0]"}, "map.yaml: origin and occupied_thresh must be finite"),
-        (ASCII, {"origin": "[0, 0]"}, "map.yaml: needs image, resolution, origin"),
+        (b"%PDF", {}, "map.pgm: no whole PGM, PNG or BMP picture: cannot identify image file"),
+        (b"P5 9000 9000 255\n0", {}, "has 9000 x 9000 pixels; at most 16,777,216 are allowed: cr"),
+        (b"P5 99999 99999 255\n0", {}, "map.pgm: no whole PGM, PNG or BMP picture: Image size"),
+        (b"P5 4 3 255\n0", {}, "map.pgm: no whole PGM, PNG or BMP picture"),
+        (b"P2 2 1 7\n7 8", {}, "map.pgm: no whole PGM, PNG or BMP picture"),
+        (b"P2 1 1 255\n" + b"9" * 5000, {}, "map.pgm: no whole PGM, PNG or BMP picture"),
+        (encoded(GREYS, "PNG")[:45], {}, "map.pgm: no whole PGM, PNG or BMP picture"),
+        (ASCII, {"resolution": 0.0}, "map.yaml: Expected `float` >= 0.001 - at `$.resolution`"),
+        (
+            ASCII,
+            {"origin": "[0, .nan, 0]"},
+            "map.yaml: origin: got (0.0, nan, 0.0); allowed: finite",
+        ),
+        (ASCII, {"origin": "[0, 0]"}, "map.yaml: Expected `array` of length 3"),
+        (ASCII, {"mode": "grey"}, "map.yaml: Invalid enum value 'grey' - at `$.mode`"),
+        (ASCII, {"image": "[" * 9999}, "map.yaml: "),
+        (ASCII, {"image": "none.pgm"}, "none.pgm: can't be read: No such file"),
     ],
 )
-def test_an_image_that_is_none_is_refused_with_one_line(picture, changes, expected, tmp_path):
+def test_a_map_that_can_not_be_read_is_refused(picture, changes, expected, tmp_path):
     path = map_of(tmp_path, picture, **changes)
     problem = error_of(ConfigError, lambda: read_map(path))
     assert expected in problem
+    assert "\n" not in problem
 
 
-def test_an_image_of_too_many_boxes_is_refused(tmp_path):
-    # the largest one, as a check: each line has 2,048 boxes
+def test_a_map_of_too_many_boxes_is_refused_with_the_remedy(tmp_path):
+    # the largest picture as a chessboard, so that each occupied cell needs a box
     even = bytes([0, 255]) * 2048
     picture = b"P5\n4096 4096\n255\n" + (even + even[::-1]) * 2048
     problem = error_of(ConfigError, lambda: read_map(map_of(tmp_path, picture)))
-    assert "at most 2000 boxes can be simulated" in problem
+    assert f"its 8,388,608 occupied cells need more than {MAX_BOXES:,} boxes; remove" in problem
+
+
+def test_missing_libraries_are_named(tmp_path, monkeypatch):
+    path = map_of(tmp_path, ASCII)
+    for name in ("yaml", "PIL"):
+        monkeypatch.setitem(sys.modules, name, None)
+        problem = error_of(ConfigError, lambda: read_map(path))
+        assert problem.endswith("Pillow and PyYAML: pip install 'mecazen[maps]'")
+        monkeypatch.undo()
