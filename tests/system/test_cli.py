@@ -81,6 +81,39 @@ def test_every_command_has_help_that_says_what_it_does(here):
     assert all(name in overview for name in names)
 
 
+DISTRIBUTED = ("simulate", "back", "--duration", "0.1", "--distributed")
+
+
+def real_time() -> None:
+    os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))
+
+
+def one_core() -> None:
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "before", "variables", "out", "err"),
+    [
+        # key → message, ° and borders are not ASCII
+        (("topics",), None, {"PYTHONIOENCODING": "ascii"}, "Empty ? ", ""),
+        (("topics", "--help"), None, {"PYTHONIOENCODING": "latin-1"}, "Measure the rates", ""),
+        pytest.param(
+            *(DISTRIBUTED, real_time, {}, "trajectory: sha256", ""),
+            marks=pytest.mark.skipif(os.geteuid() != 0, reason="only root may take this policy"),
+        ),
+        (DISTRIBUTED, one_core, {}, "trajectory: sha256", "all processes share the only core"),
+    ],
+    ids=["ASCII", "Latin-1", "a real-time policy", "one core"],
+)
+def test_a_command_works_in_unusual_surroundings(arguments, before, variables, out, err):
+    done = mecazen(*arguments, before=before, **variables)
+    assert done.returncode == 0
+    assert out in done.stdout
+    assert done.stderr.startswith(err)
+    assert len(done.stderr.splitlines()) == bool(err)
+
+
 class Up(Command):
     """`mecazen up`, at a router of its own."""
 

@@ -21,7 +21,8 @@ def main() -> None:
 
     if sys.stdout is not None:
         whole = WholeWrites(sys.stdout.fileno(), "w", closefd=False)
-        sys.stdout = io.TextIOWrapper(whole, sys.stdout.encoding, write_through=True)
+        # what a terminal can't show, such as ° in ASCII, is a question mark
+        sys.stdout = io.TextIOWrapper(whole, sys.stdout.encoding, "replace", write_through=True)
 
     signal.signal(signal.SIGINT, interrupt)
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -189,6 +190,8 @@ def simulate_distributed(
         *private_router("tls" if scenario.bus.keys else "tcp"),
     )
     scenario = load_scenario(path, settings)
+    if len(os.sched_getaffinity(0)) == 1:
+        sys.stderr.write("all processes share the only core that this command may use\n")
     supervisor = Supervisor(path, settings, scenario)
     try:
         with on_one_core():
