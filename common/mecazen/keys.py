@@ -5,9 +5,10 @@ No key has a leading slash. If there are several robots, a robot's keys begin wi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from mecazen import messages as m
 from mecazen.messages import MessageT
@@ -173,9 +174,26 @@ def diagnostics(service: str) -> Topic[m.DiagnosticArray]:
     return Topic(f"diagnostics/{service}", m.DiagnosticArray, "health")
 
 
+EntryT = TypeVar("EntryT", bound=Topic[Any] | Call[Any, Any])
+
+
+def resolve(key: str, table: Sequence[EntryT]) -> tuple[str, EntryT | None]:
+    """Split a key into a robot's name of any kind and an entry of the table; ("", None): unknown.
+
+    >>> robot, topic = resolve("two/odom", TOPICS)
+    >>> robot, topic is ODOM
+    ('two', True)
+    """
+    parts = key.split("/")
+    for depth in range(len(parts)):
+        name = "/".join(parts[depth:])
+        for entry in table:
+            prefix = entry.key[:-1] if entry.key.endswith("/*") else None
+            if entry.key == name or (prefix and name.startswith(prefix)):
+                return "/".join(parts[:depth]), entry
+    return "", None
+
+
 def topic_of(key: str) -> Topic[m.Message] | None:
-    """Return the table's entry for a key, or None."""
-    for topic in TOPICS:
-        if topic.key == key or (topic.key.endswith("/*") and key.startswith(topic.key[:-1])):
-            return topic
-    return None
+    """Return the topic of a key, which may begin with a robot's name; None if it is unknown."""
+    return resolve(key, TOPICS)[1]

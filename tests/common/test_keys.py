@@ -9,6 +9,7 @@ def test_every_topic_and_call_is_in_the_table_once():
     assert not any(name.startswith("/") for name in names)
     for topic in (value for value in vars(keys).values() if isinstance(value, keys.Topic)):
         assert keys.topic_of(topic.key) is topic
+        assert keys.resolve(f"two/{topic.key}", keys.TOPICS) == ("two", topic)
 
 
 def test_the_diagnostics_of_any_service_are_in_the_table():

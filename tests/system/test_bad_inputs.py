@@ -49,6 +49,8 @@ BAD = [
     (("echo", "odom", "--namespace", "a b"), ("--namespace",)),
     (("echo", "odom", "--count", "0"), ("--count", "1")),
     (("pub", "cmd_vel", '{"linear":{"x":"fast"}}'), ("cmd_vel", "float")),
+    (("pub", "two/cmd_vel", '{"linear":{"x":"fast"}}'), ("two/cmd_vel", "float")),
+    (("pub", "two/target/cmd_vel", '{"linear":{"x":20}}'), ("two/target/cmd_vel", "10 m/s")),
     (("pub", "cmd_vel", '{"linear":{"x":1e999}}'), ("cmd_vel",)),
     (("pub", "cmd_vel", "{"), ("cmd_vel",)),
     (("pub", "cmd_vel", "[]"), ("cmd_vel", "object")),

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from contextlib import closing
 
 import pytest
@@ -98,3 +99,7 @@ def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack):
     running.wait(lambda: odom["one"].pose.x > -0.95)
     assert odom["two"].pose.x == pytest.approx(-1.0, abs=1e-3)
     assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
+    live = mecazen("topics", "--live", *tools(running.scenario.bus)).stdout
+    # the row of odom has the rate of each robot, in lines of its own
+    row = live[live.index("│ odom") :][: 2 * len(live.splitlines()[0]) + 2]
+    assert re.search(r"│ one [1-9]\d* *│.*│ two [1-9]\d* *│", row, re.DOTALL)

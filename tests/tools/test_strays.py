@@ -64,6 +64,7 @@ def test_what_is_said_of_a_key_and_of_which_nothing_is():
         assert unknown_key(key) is None
         assert unknown_key(f"two/{key}") is None
     assert asked_only("sim/pause").startswith("sim/pause: answers queries")
+    assert asked_only("two/set_odometry").startswith("two/set_odometry: answers queries")
     assert asked_only("odom") is asked_only("my/key") is None
 
 

@@ -16,7 +16,16 @@ from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import BusError
 from mecazen.graph import GRAPH
-from mecazen.keys import CALLS, SIM_SCENARIO, TARGET_CMD_VEL, TOPICS, Topic, topic_of
+from mecazen.keys import (
+    CALLS,
+    SIM_SCENARIO,
+    TARGET_CMD_VEL,
+    TOPICS,
+    Call,
+    Topic,
+    resolve,
+    topic_of,
+)
 from mecazen.loading import renamed_in
 from mecazen.messages import Empty
 from mecazen.robots import join_key, split_key
@@ -87,11 +96,11 @@ def unknown_key(key: str, robots: Sequence[str] = ("",)) -> str | None:
     The result is None if a node takes or publishes the key, for a robot of any name. A user may
     have keys of their own, so an unknown key is not an error.
     """
-    known = [topic.key for topic in TOPICS] + [call.key for call in CALLS]
-    if _split(key)[1] is not None or f"/{key}".endswith(tuple(f"/{call.key}" for call in CALLS)):
+    known: tuple[Topic[Any] | Call[Any, Any], ...] = (*TOPICS, *CALLS)
+    if resolve(key, known)[1] is not None:
         return None
     robot, name = split_key(key, robots)
-    close = difflib.get_close_matches(name, known, n=1)
+    close = difflib.get_close_matches(name, [entry.key for entry in known], n=1)
     meant = f"did you mean {join_key(close[0], robot)}?" if close else "`mecazen topics` shows all"
     return f"{shortened(key)}: no key of mecazen; {meant}"
 
@@ -115,7 +124,7 @@ def unknown_to(bus: ZenohBus, key: str, told: str | None) -> str | None:
 
 def absent(bus: ZenohBus, key: str) -> str:
     """Return why a key may have no samples."""
-    _, topic = _split(key)
+    topic = topic_of(key)
     here = _alive(bus)
     givers = dict.fromkeys(row.part_of for row in GRAPH if topic in row.outputs)
     if not here:
@@ -129,7 +138,7 @@ def absent(bus: ZenohBus, key: str) -> str:
 
 def ignored(bus: ZenohBus, key: str) -> str | None:
     """Return why samples on a key have no effect; None if they may have an effect."""
-    robot, topic = _split(key)
+    robot, topic = resolve(key, TOPICS)
     if topic is None:
         return None
     rows = [row for row in GRAPH if not row.observes and topic in [i.topic for i in row.inputs]]
@@ -164,18 +173,9 @@ def _alive(bus: ZenohBus) -> set[str]:
     return {part for name in bus.alive() for part in name.split("/")}
 
 
-def _split(key: str) -> tuple[str, Topic[Any] | None]:
-    """Return the robot of a key, and its topic if it is known."""
-    parts = key.split("/")
-    for at in range(len(parts)):
-        if (topic := topic_of("/".join(parts[at:]))) is not None:
-            return "/".join(parts[:at]), topic
-    return "", None
-
-
 def asked_only(key: str) -> str | None:
     """Return a warning if a key only answers queries and carries no samples; None otherwise."""
-    if all(call.key != key for call in CALLS):
+    if resolve(key, CALLS)[1] is None:
         return None
     asks = "`mecazen sim`, `mecazen param` or a Zenoh tool's get"
     return f"{key}: answers queries and carries no samples; it is asked by {asks}"

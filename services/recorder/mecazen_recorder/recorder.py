@@ -18,7 +18,7 @@ from mecazen.bus.zenoh_bus import Sent, ZenohBus, bytes_of
 from mecazen.config import RecorderConfig
 from mecazen.description import RobotDescription, ask_description
 from mecazen.errors import BusError
-from mecazen.keys import Topic, call_of_robot, of_robot, topic_of
+from mecazen.keys import Topic, call_of_robot, of_robot, resolve
 from mecazen.loading import renamed_in, robots_in
 from mecazen.messages import Empty, Message
 from mecazen.robots import split_key
@@ -218,7 +218,8 @@ class Recorder:
     def _topic_of(self, key: str) -> Topic[Message] | None:
         """Return the topic of a key, which may be in the namespace of one of several robots."""
         name = split_key(self._topic_keys.get(key, key), self._robots)[1]
-        return self._topics.get(name) or topic_of(name)
+        robot, topic = resolve(name, keys.TOPICS)  # robots of other scenarios are unknown
+        return self._topics.get(name) or (None if robot else topic)
 
     def _note(self, stamp: Stamp | None) -> None:
         """Note the newest tick, and write the record of a new run."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +13,7 @@ import typer
 from mecazen.bus.session import includes
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
-from mecazen.keys import topic_of
+from mecazen.keys import TOPICS, resolve, topic_of
 from mecazen.limits import refuse_implausible
 from mecazen.plan import compile_plan
 from mecazen.programs import graph_of
@@ -92,11 +93,15 @@ def topics(
     loaded: Any = graph_views.DEFAULTS if scenario is None else load(scenario, None)
     nodes = Graph(GRAPH) if scenario is None else graph_of(loaded)
     renamed = {} if scenario is None else loaded.of(loaded.names[0]).renamed
-    rates: Counter[str] = Counter()
+    topics = {topic.key: topic for topic in (*nodes.topics, *TOPICS)}.values()
+    known = [replace(topic, key=renamed.get(topic.key, topic.key)) for topic in topics]
+    rates: dict[str, Counter[str]] = defaultdict(Counter)
+    """Number of samples by key, without the robot's name, and by robot."""
 
     def count(key: str, *_: object) -> None:
-        topic = topic_of(key)
-        rates[key if topic is None else topic.key] += 1
+        robot, topic = resolve(key, known)
+        if topic is not None:
+            rates[topic.key][robot] += 1
 
     if live:
         with tool_bus(connect, namespace, tls) as bus:
@@ -114,8 +119,9 @@ def topics(
         table.add_row(*map(Text, (key, message, *others)))  # Text: a unit in brackets is not markup
 
     for key, message, rate, *others in graph_views.topic_rows(nodes, renamed):
-        now = [f"{rates[key] / LIVE_S:.0f}"] if live else []
-        add(key, message, graph_views.in_hz(rate, loaded), *others, *now)
+        by_robot = sorted(rates[key].items()) or [("", 0)]
+        now = "\n".join(f"{robot} {number / LIVE_S:.0f}".strip() for robot, number in by_robot)
+        add(key, message, graph_views.in_hz(rate, loaded), *others, *([now] if live else []))
     table.add_section()
     for cells in graph_views.call_rows(nodes):
         add(*cells)
@@ -190,8 +196,8 @@ def pub(
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
     if isinstance(read, msgspec.Struct):
-        for told in unknown_fields(msgspec.json.decode(payload), read):
-            _warn(f"{key}: {told}")
+        for problem in unknown_fields(msgspec.json.decode(payload), read):
+            _warn(f"{key}: {problem}")
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
     told = mistake(key)
