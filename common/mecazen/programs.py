@@ -178,8 +178,7 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
                     f"{program}: in the place of {giver.name} it must give {key}, which "
                     f"{row.name} waits for"
                 )
-    if "hardware" in features:
-        _refuse_truth(found)
+    _refuse_waits(found, scenario.programs, is_real="hardware" in features)
     if found.giver(GUARD_CMD_VEL.key):
         _refuse_bypass(rows)
     for row in rows:
@@ -199,19 +198,23 @@ def _rows(service: str, scenario: Scenario) -> tuple[Row, ...]:
     return tuple(row for row in graph.services().get(service, ()) if row.needs in needed)
 
 
-def _refuse_truth(found: Graph) -> None:
-    """Refuse a node that needs a topic that only a simulation publishes.
+def _refuse_waits(found: Graph, programs: Mapping[str, str], *, is_real: bool) -> None:
+    """Refuse a node of a whole graph that would wait for a topic that no node publishes.
 
     Raises:
         ConfigError: There is such a node.
     """
+    if not any(row.owns_time for row in found.rows):
+        return
     for row in found.rows:
         for i in row.inputs:
-            if i.rule == "every" and found.giver(i.topic.key) is None and not row.observes:
-                raise ConfigError(
-                    f"services: {row.name} needs {i.topic.key}, which a real robot does not have; "
-                    "leave it out (docs/hardware.md)"
-                )
+            waits = i.rule == "every" and not row.observes and not found.is_world(row)
+            if waits and found.giver(i.topic.key) is None:
+                lack, remedy = "no node here gives", ""
+                if is_real:
+                    lack, remedy = "a real robot does not have", "; leave it out (docs/hardware.md)"
+                where = programs.get(row.name, "services")
+                raise ConfigError(f"{where}: {row.name} needs {i.topic.key}, which {lack}{remedy}")
 
 
 def _refuse_bypass(rows: Iterable[Row]) -> None:
@@ -261,10 +264,6 @@ def _check_own(row: Row, program: str, found: Graph) -> None:
     triggers = [i.topic.key for i in row.inputs if i.rule == "every"]
     if row.outputs and not triggers:
         raise ConfigError(f"{program}: no input of rule `every`, and so nothing makes its steps")
-    whole = any(other.owns_time for other in found.rows)
-    for key in triggers:
-        if whole and found.giver(key) is None:
-            raise ConfigError(f"{program}: takes {key} every tick, which no node here gives")
 
 
 @lru_cache

@@ -406,4 +406,4 @@ def test_a_signal_ends_it_even_if_it_comes_before_it_waits(opened, scenario, sim
     reporter = SimpleNamespace(log_level=logging.WARNING, tell=tell)
     running.run_router(msgspec.structs.replace(scenario, sim=sim), reporter)
     assert told == ["started"]
-    assert opened == [{"most_hz": most_hz, "robots": ("",)}]
+    assert opened == [{"most_hz": most_hz, "robots": ("",), "renamed": {}}]

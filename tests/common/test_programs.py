@@ -246,12 +246,18 @@ LOOP = Topic("loop", String, "what closes a circle")
         (Row("mine", inputs=(OWN,), outputs=(Topic("a*", String, ""),)), r"'a\*' is no key: "),
         (Row("mine", inputs=(every(Topic("odom", String, "")),)), "odom is a key of mecazen's own"),
         (Row("mine", inputs=(latest(ODOM),), outputs=(LOOP,)), "no input of rule `every`"),
-        (Row("mine", inputs=(every(LOOP),)), "takes loop every tick, which no node here gives"),
+        (Row("mine", inputs=(every(LOOP),)), "mine needs loop, which no node here gives"),
     ],
 )
 def test_a_row_that_can_not_work_in_its_graph_is_refused(scenario, row, expected):
     with pytest.raises(ConfigError, match=f"^mine.py:Mine: {expected}"):
         graph_with(scenario, mine=row)
+
+
+def test_a_node_without_the_node_that_it_waits_for_is_refused(scenario):
+    lacking = msgspec.structs.replace(scenario, services=("physics", "target", "follower"))
+    with pytest.raises(ConfigError, match="^services: follower needs odom, which no node here"):
+        graph_of(lacking)
 
 
 def test_a_query_is_answered_by_one_node(scenario):
