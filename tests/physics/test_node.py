@@ -194,6 +194,25 @@ def test_a_person_of_whom_nobody_speaks_any_more_stands_and_pushes_nobody():
     assert driven.pose().x == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("kind", ["pose", "fused"])
+@pytest.mark.parametrize("stop", [True, False])
+def test_a_walker_who_leaves_pushes_nobody(kind, stop):
+    driven = Driven(WATCHFUL, sensor=SensorConfig(kind=kind))
+    for tick in range(10):  # at 1 m/s towards the robot, whose front is at 0.2 m
+        x = 0.8 - 0.01 * tick
+        body = tuple(m.Point(x=x, z=1.7 * index / len(JOINTS)) for index in range(len(JOINTS)))
+        pose, twist = m.Pose.planar(Pose2D(x, 0.0, math.pi)), m.Twist.planar(Twist2D(x=1.0))
+        walker = m.Person("walker_1", pose, twist, 1.75, body)
+        header = m.Header(stamp=m.Time.from_ns(tick * TICK_NS))
+        assert not driven.tick(people=m.People(header, (walker,))).refused
+    driven.drive(20 if stop else 2, [0.0] * 4)  # they stand after 0.1 s without a sample
+    driven.tick(people=m.People())
+    driven.drive(100)
+    assert driven.pose() == pytest.approx(Pose2D(), abs=1e-3)
+    driven.drive(300, [10.0] * 4)  # at 0.5 m/s through the place where they stood
+    assert driven.pose().x > 1.0
+
+
 def test_an_absurdly_fast_person_does_no_harm():
     driven = Driven()
     driven.tick()  # no person starts inside the robot

@@ -96,7 +96,7 @@ class PhysicsWorld(World):
         self.reported: dict[str, ReportedPerson] = {}
         """Persons by name."""
         self.walking: dict[str, MovingPerson] = {}
-        """The persons with a recent report."""
+        """The persons in the world, as last reported."""
         self.numbers = {name: number for number, name in enumerate(self.followed.values())}
         """Numbers of the persons: first those whom robots follow."""
 
@@ -163,7 +163,10 @@ class PhysicsWorld(World):
             self._place(name, reported.upright(pose, twist))
 
     def _place_walkers(self, inputs: Inputs) -> None:
-        """Place all other persons as reported; they stop if no sample comes."""
+        """Place all other persons as reported, and remove those that are not.
+
+        They stop if no sample comes.
+        """
         people = inputs.get(PEOPLE)
         followed = self.followed.values()
         walkers = [name for name in self.walking if name not in followed]
@@ -172,8 +175,11 @@ class PhysicsWorld(World):
             if self.has_legs and any(len(one.joints) != len(JOINTS) for one in present):
                 inputs.refuse(PEOPLE, NEEDS_JOINTS)
                 return
-            for name in walkers:
+            names = {one.id for one in present}
+            for name in (name for name in walkers if name not in names):
                 del self.walking[name]
+                self.reported.pop(name, None)
+                self.simulation.remove_person(self.numbers[name])
             for one in present:
                 self._place(one.id, self._walker(one, people))
         elif inputs.age_s(PEOPLE) > self.config.watchdog_s:
@@ -197,7 +203,7 @@ class PhysicsWorld(World):
 
     def _stop(self, name: str) -> None:
         if name in self.walking:
-            self.simulation.place_person(self.numbers[name], self.walking.pop(name).standing())
+            self._place(name, self.walking[name].standing())
 
     def answer(self, call: Call[Any, Any], request: Message, robot: str) -> String:
         """Return a robot's URDF."""

@@ -119,6 +119,10 @@ class SimulatedRobot:
         self._people[number] = person
         self.body.scene.place_person(number, person)
 
+    def remove_person(self, number: int) -> None:
+        """Take a person out of the world."""
+        self._people.pop(number, None)
+
     def share(self, scene: Scene, *, alone: bool) -> None:
         """Move to a scene, `alone` or with other robots; the scene's own robot moves first."""
         self._alone = alone
@@ -141,6 +145,7 @@ class SimulatedRobot:
         lean = self.state.tilt if self._upright else HYSTERESIS * self.state.tilt
         self._upright = lean < MAX_TILT_RAD
         near_ridge = self.near_obstacle = False
+        self.close_people = {}
         if self._people or self._obstacles or self._ridges:
             footprint = self.footprint()
             # With hysteresis the robot does not switch back and forth at the border.

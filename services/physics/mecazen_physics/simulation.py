@@ -80,6 +80,11 @@ class Simulation:
         for robot in self.robots:
             robot.place_person(number, person)
 
+    def remove_person(self, number: int) -> None:
+        """Take the person `number` out of the world until the next `place_person`."""
+        for robot in self.robots:
+            robot.remove_person(number)
+
     def _update_groups(self) -> int:
         """Couple the robots that come close to each other, and decouple those that are far again.
 
