@@ -47,18 +47,18 @@ def check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
         )
 
 
-def friction_range(robot: Robot, world: WorldConfig) -> tuple[float, float]:
-    """Return the lowest and the highest friction coefficient of a robot and its surroundings.
+def highest_friction(robot: Robot, world: WorldConfig) -> float:
+    """Return the highest friction coefficient of a robot and its surroundings.
 
     DART uses the lower coefficient of two touching bodies. The robot's own surface gets the
     highest, so the coefficient of the other body applies. Between two robots the highest applies.
     """
     others = [other.friction for other in (world.person, *world.solids)]
-    frictions = [*_ground_frictions(robot, world), *others]
-    return min(frictions), max(frictions)
+    return max(*ground_frictions(robot, world), *others)
 
 
-def _ground_frictions(robot: Robot, world: WorldConfig) -> list[float]:
+def ground_frictions(robot: Robot, world: WorldConfig) -> list[float]:
+    """Return the friction coefficients between the rollers and the ground with its patches."""
     patches = [ground_friction(robot, patch) for patch in world.patches]
     return [ground_friction(robot, world), *patches]
 
@@ -75,7 +75,7 @@ def build_ground(robot: Robot, world: WorldConfig) -> Any:
     _, ground = skeleton.createWeldJointAndBodyNodePair()
     plane = dart.dynamics.PlaneShape([0.0, 0.0, 1.0], DEPTH_M)
     # On patches, `set_friction` sets the coefficient of the rollers.
-    _collide(ground, plane, max(_ground_frictions(robot, world)))
+    _collide(ground, plane, max(ground_frictions(robot, world)))
     skeleton.setMobile(False)
     return skeleton
 
@@ -146,7 +146,7 @@ def build_robot(
     root.setTransform(_planar(start, 0.0))
     trunk = [model.base(robot), *(link for link in links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
-    _, friction = friction_range(robot, world)
+    friction = highest_friction(robot, world)
     if not lumped:
         _collide_base(base, robot, friction)
     barrel = _barrel(robot)
@@ -221,7 +221,7 @@ def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldCon
     """
     base = skeleton.getBodyNode(0)
     if not base.getShapeNodes():
-        _collide_base(base, robot, friction_range(robot, world)[1])
+        _collide_base(base, robot, highest_friction(robot, world))
     centres, radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
     rollers = 2.0 * float(np.max(centres * math.cos(robot.roller_angle) + radii))
     width = max(robot.wheels.hub_width_m, rollers)

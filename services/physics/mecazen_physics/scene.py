@@ -66,7 +66,7 @@ class Scene:
     def __init__(self, robot: Robot, physics: PhysicsConfig, world: WorldConfig) -> None:
         self._robot, self._world = robot, world
         self._slope = math.radians(world.slope_deg), math.radians(world.slope_heading_deg)
-        self._friction, _ = bodies.friction_range(robot, world)
+        self._friction = min(bodies.ground_frictions(robot, world))
         self.dart = dart.simulation.World()
         self.dart.setTimeStep(physics.dt_s)
         self._alignable = robot.rollers.angle_deg == 45.0
