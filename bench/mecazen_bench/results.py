@@ -39,9 +39,6 @@ from mecazen_bench.harness import ResultsError, machine
 ROOT = Path(__file__).parents[2]
 TABLES = "docs/tables"
 """The folder of the tables that documents link to; it contains no other files."""
-INPUTS = {".py", ".toml", ".cpp", ".csv"}
-"""Suffixes of files below an input of a stage that its result depends on; pyproject.toml is
-excluded."""
 BLOCK = re.compile(
     r"(?P<begin><!-- (?P<form>results|csv): (?P<stage>\S+)(?: (?P<title>[^\n]+))? -->\n)"
     r"(?P<shown>.*?)(?P<end><!-- /(?P=form) -->)",
@@ -121,15 +118,11 @@ def inputs_sha256(stage: Stage, root: Path) -> str:
             names = (re.split(r"[^\w-]", one)[0] for one in needed)
             todo += [projects[name] for name in names if name in projects]
         found.add(path)
-    read = {file for path in found for file in (path.rglob("*") if path.is_dir() else [path])}
-    digest = hashlib.sha256()
-    for file in sorted(read):
-        if file.suffix in INPUTS and file.name != "pyproject.toml":
-            text = file.read_text()
-            content = _code(text) if file.suffix == ".py" else text
-            sha256 = hashlib.sha256(content.encode()).hexdigest()
-            digest.update(f"{file.relative_to(root)} {sha256}\n".encode())
-    return digest.hexdigest()
+    return files.sha256_of(root, found, _content)
+
+
+def _content(file: Path) -> bytes:
+    return _code(file.read_text()).encode() if file.suffix == ".py" else file.read_bytes()
 
 
 @cache  # stages share most of their inputs

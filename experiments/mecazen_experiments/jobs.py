@@ -6,12 +6,13 @@ import hashlib
 import importlib.util
 import json
 import math
-import pkgutil
 import platform
 import random
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
+from importlib.metadata import requires
 from importlib.metadata import version as version_of
 from itertools import product
 from pathlib import Path
@@ -27,12 +28,13 @@ from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.schema import Output
 from mecazen_people.paths import make_path
+from mecazen_tools import files
 from mecazen_tools.simulate import in_lockstep
 
 from mecazen_experiments.config import Case, Experiment, Settings, Sweep
 
-LIBRARIES = ("dartpy", "filterpy", "msgspec", "numpy", "scipy")
-"""Libraries that a result depends on."""
+PROJECT = "mecazen-experiments"
+"""The project whose code, data and libraries a result depends on, with those that it needs."""
 
 
 class Key(msgspec.Struct, frozen=True):
@@ -226,23 +228,34 @@ def with_content(program: str) -> str:
 
 @cache
 def version() -> str:
-    """Return the SHA-256 of the code that a result depends on.
+    """Return the SHA-256 of the code, the data and the libraries that a result depends on.
 
-    The hash covers the source of every installed package of mecazen, and the versions of Python and
-    `LIBRARIES`, so changed code never shows old results.
+    The hash covers all files of `PROJECT` and of the projects of mecazen that it needs, and the
+    versions of Python and of the libraries that they need.
     """
-    digest = hashlib.sha256()
-    for line in (platform.python_version(), *(f"{name} {version_of(name)}" for name in LIBRARIES)):
-        digest.update(f"{line}\n".encode())
-    packages = {module.name for module in pkgutil.iter_modules() if module.ispkg}
-    for package in sorted(name for name in packages if name.startswith("mecazen")):
-        spec = importlib.util.find_spec(package)
+    lines = [f"python {platform.python_version()}"]
+    for name in sorted(_needed(PROJECT)):
+        if not name.startswith("mecazen"):
+            lines.append(f"{name} {version_of(name)}")
+            continue
+        spec = importlib.util.find_spec(name.replace("-", "_"))
         assert spec is not None
-        for folder in spec.submodule_search_locations or ():
-            for file in sorted(Path(folder).rglob("*.py")):
-                name = file.relative_to(folder).as_posix()
-                digest.update(f"{package}/{name}\n{_content(file)}\n".encode())
-    return digest.hexdigest()
+        for folder in map(Path, spec.submodule_search_locations or ()):
+            lines.append(f"{name} {files.sha256_of(folder, [folder])}")
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def _needed(project: str) -> set[str]:
+    """Return a project, the projects of mecazen that it needs, and the libraries of all."""
+    found, todo = set(), [project]
+    while todo:
+        name = todo.pop()
+        if name in found:
+            continue
+        found.add(name)
+        needs = (requires(name) if name.startswith("mecazen") else None) or ()
+        todo += [re.split(r"[^\w-]", need)[0] for need in needs if "extra ==" not in need]
+    return found
 
 
 def check_version(job: Job) -> None:

@@ -161,6 +161,14 @@ def test_words_about_code_make_no_result_stale(root):
     assert results.inputs_sha256(stage, root) != before
 
 
+@pytest.mark.parametrize("name", ["norm.csv", "walk.npz", "deep/episode.yaml"])
+def test_changed_data_make_a_result_stale(name, root):
+    file = root / "common" / name
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("1")
+    assert list(stale(root)) == ["walk: inputs have changed since commit abc"]
+
+
 def test_only_stages_that_are_not_up_to_date_run(root, monkeypatch):
     ran, said = [], []
     monkeypatch.setattr(results, "_run", lambda _, name, *__: ran.append(name))

@@ -1,15 +1,19 @@
 """From cases to runs, and the keys under which results are found again."""
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+from harness import ROOT
 from mecazen.errors import ConfigError
+from mecazen.graph import GRAPH
 from mecazen.loading import load_scenario
 from mecazen_experiments import jobs
 from mecazen_experiments.config import Case, Experiment
 from mecazen_experiments.jobs import Job, fingerprint, version
 
+PROJECTS = [*ROOT.glob("*/pyproject.toml"), *ROOT.glob("services/*/pyproject.toml")]
 WALK = "t_s,x_m,y_m\n0,0,0\n1,0.5,0\n2.003,1,0\n"
 
 
@@ -127,21 +131,41 @@ def test_the_fingerprint_has_what_a_walk_and_a_program_say_and_not_their_names(f
         key_of(folder, program("no_module"))
 
 
-def test_the_version_changes_with_any_source_and_library(folder, monkeypatch):
-    def hashed():
-        return version.__wrapped__()
-
-    assert hashed() == version()
+def test_the_version_changes_with_what_a_run_loads_and_with_nothing_else(folder, monkeypatch):
+    needs = {
+        "mecazen-experiments": ["mecazen-more==1", "numpy>=1", 'distributed; extra == "cluster"'],
+        "mecazen-more": ["mujoco"],
+    }
+    libraries = {"numpy": "1", "mujoco": "1"}  # an extra has no version here
+    monkeypatch.setattr(jobs, "requires", lambda name: needs[name])
+    monkeypatch.setattr(jobs, "version_of", lambda name: libraries[name])
     monkeypatch.syspath_prepend(folder.path)
-    source = folder.write("mecazen_more/deep/estimator.py", "A = 1")
+    changes = {"more/a.py": "A", "more/walk.npz": "1", "more/norm.csv": "1", "more/a.yaml": "b"}
+    written = {name: folder.write(f"mecazen_{name}", text) for name, text in changes.items()}
     folder.write("mecazen_more/__init__.py", "")
-    before = hashed()
-    assert before != version()
-    source.write_text("A = 2")
-    assert hashed() != before
-    source.write_text("A = 1")
-    monkeypatch.setattr(jobs, "version_of", lambda name: "0.1" if name == "dartpy" else "1")
-    assert hashed() != before
+    viewer = folder.write("mecazen_viewer/__init__.py", "A = 1")
+    found = [version.__wrapped__()]
+    for file in written.values():
+        file.write_text("another")
+        found.append(version.__wrapped__())
+    for name in libraries:
+        libraries[name] = "2"
+        found.append(version.__wrapped__())
+    assert len(set(found)) == 1 + len(written) + len(libraries)
+    viewer.write_text("A = 2")
+    folder.write("mecazen_more/__pycache__/a.pyc", "built")
+    assert version.__wrapped__() == found[-1]
+
+
+def test_the_experiments_need_every_project_that_a_run_loads(monkeypatch):
+    tables = [tomllib.loads(f.read_text())["project"] for f in PROJECTS]
+    needs = {table["name"]: table["dependencies"] for table in tables}
+    monkeypatch.setattr(jobs, "requires", needs.get)
+    needed = jobs._needed(jobs.PROJECT)
+    assert {"mujoco", "dartpy"} <= needed  # the rays of lidar and tracker, and the physics
+    services = {row.part_of for row in GRAPH} - {"viewer", "recorder", "hardware", "collector"}
+    assert {f"mecazen-{service}" for service in services} <= needed
+    assert "mecazen-viewer" not in needed
 
 
 def test_a_worker_with_another_version_refuses(folder):
