@@ -79,6 +79,10 @@ def test_every_command_has_help_that_says_what_it_does(here):
         assert len(done.stdout) > 300
     overview = here("--help").stdout
     assert all(name in overview for name in names)
+    for same in (("help",), ("-h",)):
+        assert here(*same).stdout == overview
+    for same in (("help", "param", "set"), ("param", "set", "-h")):
+        assert here(*same).stdout == here("param", "set", "--help").stdout
 
 
 DISTRIBUTED = ("simulate", "back", "--duration", "0.1", "--distributed")

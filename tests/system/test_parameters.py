@@ -164,7 +164,7 @@ def test_the_command_line_shows_and_changes_parameters(stack):
         assert done.exception is None
         return done.stdout
 
-    said = param("set", "follower.bearing_deg", "120", "follower.heading_deg", "-60")
+    said = param("set", "follower.bearing_deg=120", "follower.heading_deg=-60")
     assert said.startswith("follower.bearing_deg=120 from t = ")
     assert param("get", "follower.heading_deg") == "follower.heading_deg=-60.0\n"
     (shown,) = [line for line in param("list", "follower").splitlines() if "standoff_m" in line]
@@ -173,11 +173,11 @@ def test_the_command_line_shows_and_changes_parameters(stack):
     found = json.loads(param("list", "controller", "--json"))["parameters"]
     assert {one["name"].partition(".")[0] for one in found} == {"controller"}
     for wrong, words in (
-        (("set", "follower.standof_m", "1"), ("did you mean follower.standoff_m?",)),
-        (("set", "follower.standoff_m", "-1"), ("follower.standoff_m: got -1", "> 0")),
-        (("set", "follower.standoff_m", "0.2"), ("must be at least 0.58",)),
-        (("set", "physics.dt_s", "0.002"), ("can't change while it runs",)),
-        (("set", "follower.standoff_m"), ("without a value",)),
+        (("set", "follower.standof_m=1"), ("did you mean follower.standoff_m?",)),
+        (("set", "follower.standoff_m=-1"), ("follower.standoff_m: got -1", "> 0")),
+        (("set", "follower.standoff_m=0.2"), ("must be at least 0.58",)),
+        (("set", "physics.dt_s=0.002"), ("can't change while it runs",)),
+        (("set", "follower.standoff_m"), ("must be NAME=VALUE",)),
         (("list", "nobody"), ("'nobody'",)),
     ):
         error = ask(*wrong).exception

@@ -54,6 +54,12 @@ class BusConfig(Section):
     receives from no other distribution."""
 
     def __post_init__(self) -> None:
+        for name in ("connect", "listen", "ros_connect"):
+            endpoints = getattr(self, name) or ()
+            if any("://" in endpoint for endpoint in endpoints):
+                # the form of a URL, tcp://host:port, is Zenoh's tcp/host:port
+                written = tuple(endpoint.replace("://", "/", 1) for endpoint in endpoints)
+                msgspec.structs.force_setattr(self, name, written)
         if self.ros2 and re.search(r"(^|/)[^A-Za-z_]|-", self.namespace or ""):
             raise ValueError(
                 f"ros2: {self.namespace!r} can't be a namespace in ROS, whose names have letters, "

@@ -54,6 +54,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     help="mecazen: a mecanum robot follows a person. Services over Zenoh, real rollers, one result."
     "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/].",
 )
@@ -305,11 +306,14 @@ def create(
 
 def main(commands: typer.Typer = app) -> None:
     """Run a command line; print an expected error in one line."""
+    arguments = sys.argv[1:]
+    if arguments[:1] == ["help"]:
+        arguments = [*arguments[1:], "--help"]
     try:
-        for argument in sys.argv[1:]:
+        for argument in arguments:
             if argument != argument.encode(errors="replace").decode():
                 raise ConfigError(f"{argument!r}: not UTF-8, as all arguments must be")
-        sys.exit(commands(standalone_mode=False))
+        sys.exit(commands(arguments, standalone_mode=False))
     except typer.TyperException as error:
         sys.stderr.write(_usage_error(error))
         sys.exit(error.exit_code)
@@ -331,6 +335,9 @@ def _usage_error(error: typer.TyperException) -> str:
     context = getattr(error, "ctx", None)  # set for an error in the usage of a command
     mark = "" if told.endswith("?") else ";"
     hint = f"{mark} `{context.command_path} --help` tells what is allowed" if context else ""
+    if context and context.command_path.endswith(" run") and told.startswith("Missing"):
+        hint = "; `run` starts one process, as in `mecazen run physics back`; `mecazen up back` "
+        hint += "and `mecazen simulate back` start all of them"
     for name, project in ELSEWHERE.items():
         if told.startswith(f"No such command '{name}'"):
             told = f"No such command '{name}'"

@@ -91,14 +91,13 @@ def get(
         typer.echo(one_line(f"{one.name}={one.value}"))
 
 
-# values may begin with a minus
-@app.command(name="set", context_settings={"ignore_unknown_options": True})
+@app.command(name="set")
 def set_(
     settings: Annotated[
         list[str],
         typer.Argument(
-            metavar="NAME VALUE...",
-            help="A parameter and its value as in TOML, a bare word is a string, '' leaves it out. "
+            metavar="NAME=VALUE...",
+            help="A parameter and its value as --set takes them; an empty value leaves it out. "
             "Several are changed together, or none of them.",
         ),
     ],
@@ -109,14 +108,16 @@ def set_(
 ) -> None:
     """Change settings from the next tick on, until the simulation ends; a reset keeps them.
 
-    Examples: mecazen param set follower.standoff_m 1.5 ·
-    mecazen param set follower.bearing_deg 120 follower.heading_deg -60
+    Examples: mecazen param set follower.standoff_m=1.5 ·
+    mecazen param set follower.bearing_deg=120 follower.heading_deg=-60
     """
-    names, values = settings[::2], settings[1::2]
-    if len(names) != len(values):
-        raise ConfigError(f"{names[-1]}: without a value; each NAME needs its VALUE")
-    pairs = zip(names, values, strict=True)
-    request = Parameters(parameters=tuple(Parameter(name=n, value=v) for n, v in pairs))
+    changes = []
+    for setting in settings:
+        name, equals, value = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"{setting}: must be NAME=VALUE, such as follower.standoff_m=1.5")
+        changes.append(Parameter(name=name.strip(), value=value.strip()))
+    request = Parameters(parameters=tuple(changes))
     answer = _ask(keys.SET_PARAMETERS, request, connect, namespace, tls)
     if as_json:
         _print(answer)
