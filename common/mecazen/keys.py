@@ -80,9 +80,15 @@ PEOPLE = Topic(
     m.People,
     "everybody in the world, truly, with all robots",
     shared=True,
-    max_bytes=MAX_PAYLOAD_BYTES,
+    max_bytes=1 << 20,  # 500 persons with their joints
 )
-SCAN = Topic("scan", m.LaserScan, "the lidar's ranges", sensed=True)
+SCAN = Topic(
+    "scan",
+    m.LaserScan,
+    "the lidar's ranges",
+    sensed=True,
+    max_bytes=1 << 18,  # 8192 beams of 20 bytes in JSON
+)
 SKELETONS = Topic(
     "skeleton/observation", m.Skeletons, "the bodies that the tracker sees", sensed=True
 )

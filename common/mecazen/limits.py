@@ -22,8 +22,11 @@ FARTHEST_START_M = 1e5
 """The largest coordinate that odometry can be set to: it leaves room to drive on."""
 FASTEST = 1e6
 """The largest component of a velocity of the robot or its joints [m/s, rad/s]."""
-FASTEST_PERSON = 10.0
-"""The largest component of a velocity of a person [m/s, rad/s]: no person pushes robots faster."""
+FASTEST_PERSON = 20.0
+"""The largest component of a velocity of a person [m/s, rad/s]: `people.FASTEST_M_S`, with the
+largest oscillation of the gait."""
+FASTEST_PUSH = 10.0
+"""The largest component of the velocity with which a person pushes robots [m/s, rad/s]."""
 
 
 class Limit(NamedTuple):

@@ -21,12 +21,14 @@ from mecazen.messages import Message, MessageT, Time
 Format = Literal["json", "msgpack"]
 
 NS_PER_S = 10**9
-MAX_PAYLOAD_BYTES = 1 << 20
+MAX_PAYLOAD_BYTES = 6 << 20
+"""Maximum size of a payload [bytes]: a picture of 1920 x 1080 pixels of 16 bits in JSON's base64
+has 5.3 MiB."""
 MAX_SAMPLE_BYTES = 1 << 16
-"""Default limit of samples [bytes]: ten times the longest, `joint_states` with every roller."""
+"""Default limit of samples [bytes]: ten times `joint_states` with every roller."""
 MAX_ENVELOPE_BYTES = 1 << 10
 """Maximum size of a sample's key and attachment, with the parameters of a query [bytes]."""
-MAX_MESSAGE_BYTES = 4 * MAX_PAYLOAD_BYTES
+MAX_MESSAGE_BYTES = 2 * MAX_PAYLOAD_BYTES
 """Maximum size of a message on a link, checked before its fragments are joined [bytes]. Meshes
 served as files, and samples on other keys, may be longer than a payload of the table."""
 MAX_TIME_NS = 2**31 * 10**9 - 1

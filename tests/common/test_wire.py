@@ -130,11 +130,11 @@ def test_what_is_not_what_the_key_carries_is_refused_in_one_line(case):
     assert error_of(RefusedError, lambda: decode(payload, kind))
 
 
-def test_a_payload_of_just_a_mebibyte_is_taken_and_a_byte_more_is_refused():
-    assert MAX_PAYLOAD_BYTES == 1 << 20
+def test_a_payload_of_just_six_mebibytes_is_taken_and_a_byte_more_is_refused():
+    assert MAX_PAYLOAD_BYTES == 6 << 20
     payload = b"{}" + b" " * (MAX_PAYLOAD_BYTES - 2)
     assert decode(payload, m.Twist) == m.Twist()
-    with pytest.raises(RefusedError, match="1048577 bytes"):
+    with pytest.raises(RefusedError, match=f"{MAX_PAYLOAD_BYTES + 1} bytes"):
         decode(payload + b" ", m.Twist)
 
 

@@ -15,7 +15,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
-from mecazen.messages import Clock, Empty, SimState, Time, Twist, Vector3
+from mecazen.messages import Clock, Empty, Image, SimState, Time, Twist, Vector3
 from mecazen.wire import (
     JSON_ENCODING,
     MAX_ENVELOPE_BYTES,
@@ -116,6 +116,21 @@ def test_the_newest_good_sample_is_taken_although_malformed_ones_came_after_it(z
     near.drain()
     assert speeds == [2.0]
     assert near.refused == {"cmd_vel": 61}
+
+
+def test_a_full_picture_fits_and_what_is_longer_is_refused_by_its_publisher(zenoh_pair):
+    near, far = zenoh_pair.far, zenoh_pair.near
+    heard, nothing = [], []
+    near.subscribe(
+        keys.DEPTH, lambda picture, _: heard.append(len(picture.data)), nothing=nothing.append
+    )
+    zenoh_pair.link()
+    pixels = bytes(1920 * 1080 * 2)  # 16 bits a pixel, the largest picture of the configuration
+    far.publisher(keys.DEPTH).put(Image(data=pixels), STAMP)
+    wait(near, lambda: heard == [len(pixels)])
+    far.publisher(keys.DEPTH).put(Image(data=2 * pixels), STAMP)
+    wait(near, lambda: nothing == [STAMP])
+    assert (far.refused, near.refused) == ({"camera/depth": 1}, {})
 
 
 def test_what_is_put_on_an_expression_that_holds_a_key_is_refused(zenoh_pair):

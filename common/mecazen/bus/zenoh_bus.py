@@ -72,7 +72,7 @@ class ZenohBus(Bus):
         """
         super().__init__(renamed)
         self._pause = Pause(gather_s)
-        self._format: Format = config.format
+        self.format: Format = config.format
         self._queue: Queue = queue.SimpleQueue()
         self._refusals = Refusals(self._queue, self.refuse)
         self._sources = Sources(self.presence)
@@ -95,10 +95,10 @@ class ZenohBus(Bus):
         if publisher is None:
             declared = self._session.declare_publisher(
                 key,
-                encoding=ENCODINGS[self._format],
+                encoding=ENCODINGS[self.format],
                 congestion_control=zenoh.CongestionControl.DROP,
             )
-            publisher = _ZenohPublisher(declared, self._format, self.listeners(topic), self._queue)
+            publisher = _ZenohPublisher(declared, self, topic)
             self._publishers[key] = publisher
         return publisher
 
@@ -246,10 +246,10 @@ class ZenohBus(Bus):
 
         def refuse(query: zenoh.Query, reason: str) -> None:
             self._refusals.add(key, reason)
-            ZenohReply(query, key, self._format).refuse(reason)
+            ZenohReply(query, key, self.format).refuse(reason)
 
         def take(query: zenoh.Query) -> None:
-            reply: ZenohReply[AnswerT] = ZenohReply(query, key, self._format)
+            reply: ZenohReply[AnswerT] = ZenohReply(query, key, self.format)
             payload = b"" if query.payload is None else query.payload.to_bytes()
             try:
                 request = self._decode_request(call, payload)
@@ -299,8 +299,8 @@ class ZenohBus(Bus):
             return self._ask(call, request, timeout_s)
         replies = self._session.get(
             key,
-            payload=encode(request, self._format),
-            encoding=ENCODINGS[self._format],
+            payload=encode(request, self.format),
+            encoding=ENCODINGS[self.format],
             timeout=timeout_s,
         )
         return answer_in(replies, call)
@@ -368,19 +368,25 @@ class _ZenohPublisher(Publisher[MessageT]):
     def __init__(
         self,
         publisher: zenoh.Publisher,
-        form: Format,
-        listeners: list[Handler[MessageT]],
-        ready: Queue,
+        bus: ZenohBus,
+        topic: Topic[MessageT],
     ) -> None:
         self._publisher = publisher
         self._source = zenoh.SourceInfo(publisher.id, 0)
-        self._format: Format = form
-        self._listeners = listeners
-        self._ready = ready
+        self._format: Format = bus.format
+        self._listeners = bus.listeners(topic)
+        self._ready = bus.queue
+        self._refuse = partial(bus.refuse, bus.key_of(topic))
+        self._max_bytes = topic.max_bytes
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
         attachment = None if stamp is None else stamp.pack()
         payload = encode(message, self._format)
+        if len(payload) > self._max_bytes:  # no receiver would take it
+            self._refuse(f"not sent: {len(payload)} bytes, at most {self._max_bytes}")
+            if stamp is not None:
+                self.put_nothing(stamp)
+            return
         self._publisher.put(payload, attachment=attachment, source_info=self._source)
         if self._listeners:
             self._ready.put(partial(deliver, self._listeners, message, stamp))

@@ -104,7 +104,7 @@ class ScriptStep(Section):
     speed_m_s: Annotated[float, msgspec.Meta(ge=0.0, le=FASTEST_M_S)] = 0.0
     direction_deg: AngleDeg = 0.0
     """Direction of the velocity in the person's frame: 0 is ahead, 90 left, 180 backwards."""
-    yaw_rate_deg_s: Finite = 0.0
+    yaw_rate_deg_s: Annotated[float, msgspec.Meta(ge=-1080.0, le=1080.0)] = 0.0
 
 
 class Script(_Walk, tag="script", kw_only=True):

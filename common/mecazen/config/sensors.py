@@ -118,8 +118,8 @@ class DepthConfig(Section):
 
     rate_hz: Positive = 5.0
     """Pictures a second; divides the tick rate."""
-    width: Annotated[int, msgspec.Meta(ge=16, le=1280)] = 320
-    height: Annotated[int, msgspec.Meta(ge=16, le=1024)] = 240
+    width: Annotated[int, msgspec.Meta(ge=16, le=1920)] = 320
+    height: Annotated[int, msgspec.Meta(ge=16, le=1080)] = 240
     horizontal_fov_deg: FieldOfView = 75.0
     vertical_fov_deg: FieldOfView = 65.0
     min_range_m: NonNegative = 0.5
@@ -134,10 +134,6 @@ class DepthConfig(Section):
 
     def __post_init__(self) -> None:
         _check_range(self.min_range_m, self.max_range_m)
-        if 2 * self.width * self.height * 4 / 3 > 1_000_000:
-            raise ValueError(
-                "width x height must be at most 375,000 pixels: 1 MB a picture in JSON"
-            )
         if self.edge_probability > 0.5:
             raise ValueError("edge_probability must be at most 0.5: as many pixels are invalid")
 

@@ -14,6 +14,7 @@ from mecazen.loop import Steps
 from mecazen.messages import Clock, Message
 from mecazen.node import Computing, Inputs, Node, Outputs, Tick, World
 from mecazen.plan import Turn
+from mecazen.wire import encode
 
 
 @contextmanager
@@ -42,8 +43,7 @@ class Hosted:
         self.steps: Steps = cast(Node, self.node)
         if isinstance(self.node, World):
             self.steps = WorldSteps(self.node, turn, scenario.names)
-        if is_own:
-            self.steps = OwnSteps(self.steps, turn)
+        self.steps = OwnSteps(self.steps, turn) if is_own else CheckedSteps(self.steps, turn)
 
     def calling(self) -> Any:
         """Return the context in which methods of the node are called."""
@@ -106,13 +106,38 @@ class WorldSteps:
         return outputs
 
 
-class OwnSteps:
-    """Adapts a user node to the loop: explains its errors and checks its outputs."""
+class CheckedSteps:
+    """Refuses implausible outputs of a node, as a receiver in another process would."""
 
     def __init__(self, steps: Steps, turn: Turn) -> None:
         self._steps = steps
         self._name = turn.row.name
         self._topics = {given for given, _, _ in turn.gives}
+
+    def reset(self, seed: int) -> None:
+        """Begin a run."""
+        self._steps.reset(seed)
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the outputs of a tick.
+
+        Raises:
+            NodeError: A number of an output is beyond its limit.
+        """
+        outputs = self._steps.step(tick, inputs)
+        for topic, message in outputs.items():
+            self._refuse_implausible(topic, message)
+        return outputs
+
+    def _refuse_implausible(self, topic: Topic[Any], message: Message) -> None:
+        try:
+            refuse_implausible(topic.name, message)
+        except RefusedError as refusal:
+            raise NodeError(f"{self._name} gives {topic.key} whose {refusal}") from None
+
+
+class OwnSteps(CheckedSteps):
+    """Adapts a user node to the loop: explains its errors and checks its outputs."""
 
     def reset(self, seed: int) -> None:
         """Begin a run."""
@@ -141,8 +166,10 @@ class OwnSteps:
                 )
             if topic not in self._topics:
                 raise NodeError(f"{self._name} gives {topic.key}, which is not in its row")
-            try:
-                refuse_implausible(topic.name, message)
-            except RefusedError as refusal:
-                raise NodeError(f"{self._name} gives {topic.key} whose {refusal}") from None
+            self._refuse_implausible(topic, message)
+            size = len(encode(message, "json"))
+            if size > topic.max_bytes:
+                raise NodeError(
+                    f"{self._name} gives {topic.key} of {size} bytes, at most {topic.max_bytes}"
+                )
         return outputs

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.geometry_batch import Floats
-from mecazen.limits import FASTEST_PERSON
+from mecazen.limits import FASTEST_PERSON, FASTEST_PUSH
 from mecazen.skeleton import INDEX, LIMBS
 
 from mecazen_physics.footprint import Footprint
@@ -48,7 +48,7 @@ class MovingPerson(NamedTuple):
     @classmethod
     def upright(cls, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
         """Return a person at `pose`, moving with `velocity` in their own frame."""
-        slower = FASTEST_PERSON / max(math.hypot(velocity.x, velocity.y), FASTEST_PERSON)
+        slower = FASTEST_PUSH / max(math.hypot(velocity.x, velocity.y), FASTEST_PUSH)
         velocity_x, velocity_y = velocity.x * slower, velocity.y * slower
         return cls(pose.x, pose.y, rotate(velocity_x, velocity_y, pose.yaw))
 
@@ -125,7 +125,7 @@ class ReportedPerson:
         if self._points is not None and time > self._time:
             velocities = (joints - self._points) / (time - self._time)
             speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
-            velocities *= FASTEST_PERSON / np.maximum(speeds, FASTEST_PERSON)
+            velocities *= FASTEST_PUSH / np.maximum(speeds, FASTEST_PUSH)
         self._points, self._time = joints, time
         return MovingPerson.of_joints(joints, velocities, height or self._height)
 
