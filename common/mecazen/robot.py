@@ -16,6 +16,9 @@ from mecazen.schema import AngleDeg, Length, Mass, NonNegative, Positive, Sectio
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """The order of the wheels in all tuples."""
+WHEEL_JOINTS = tuple(f"{wheel}_wheel_joint" for wheel in WHEELS)
+"""Default names of the wheels' joints, in the order of `WHEELS`."""
+Name = Annotated[str, msgspec.Meta(min_length=1)]
 
 Position = Annotated[float, msgspec.Meta(ge=-5.0, le=5.0)]
 
@@ -44,6 +47,12 @@ class Wheels(Section):
     hub_width_m: Length
     max_torque_nm: Positive
     max_speed_rad_s: Positive
+    joints: Annotated[tuple[Name, ...], msgspec.Meta(min_length=4, max_length=4)] = WHEEL_JOINTS
+    """Joints of the front left, front right, rear left and rear right wheel, for all services."""
+
+    def __post_init__(self) -> None:
+        if len(set(self.joints)) != len(self.joints):
+            raise ValueError(f"wheels.joints must be four different names: {self.joints}")
 
 
 class Motors(Section):
@@ -262,15 +271,6 @@ class Robot(Section):
         return x, y, self.wheels.radius_m
 
 
-def wheel_joint(wheel: str) -> str:
-    """Return the joint name of a wheel."""
-    return f"{wheel}_wheel_joint"
-
-
 def roller_joint(wheel: str, index: int) -> str:
     """Return the joint name of roller `index` (from 0) of a wheel."""
     return f"{wheel}_roller_{index:02d}_joint"
-
-
-WHEEL_JOINTS = tuple(wheel_joint(wheel) for wheel in WHEELS)
-"""Joint names of the wheels, in the order of `WHEELS`."""

@@ -12,7 +12,7 @@ from mecazen.errors import RefusedError
 from mecazen.geometry import Twist2D
 from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.messages import JointState
-from mecazen.robot import WHEEL_JOINTS, WHEELS
+from mecazen.robot import WHEELS
 from mecazen.ticks import ROUNDING_S
 
 
@@ -23,12 +23,8 @@ class WheelCommand(NamedTuple):
     is_effort: bool = False
 
 
-_of_wheels = itemgetter(*WHEEL_JOINTS)
-"""Takes the values of the four wheels, in their order, from values of joints by name."""
-
-
-def wheel_command(joints: JointState) -> WheelCommand:
-    """Return the wheels' velocities [rad/s], or efforts [N·m] if there are no velocities.
+def wheel_command(joints: JointState, names: Sequence[str]) -> WheelCommand:
+    """Return the velocities of the named joints [rad/s], or efforts [N·m] without velocities.
 
     Raises:
         RefusedError: A wheel has neither.
@@ -36,9 +32,11 @@ def wheel_command(joints: JointState) -> WheelCommand:
     is_effort = bool(joints.effort) and not joints.velocity
     values = joints.effort if is_effort else joints.velocity
     try:
-        return WheelCommand(_of_wheels(dict(zip(joints.name, values, strict=False))), is_effort)
+        return WheelCommand(
+            itemgetter(*names)(dict(zip(joints.name, values, strict=False))), is_effort
+        )
     except KeyError:
-        raise RefusedError(f"needs a velocity or an effort of {WHEEL_JOINTS}") from None
+        raise RefusedError(f"needs a velocity or an effort of {tuple(names)}") from None
 
 
 class Watchdog:

@@ -256,7 +256,7 @@ def test_a_row_that_can_not_work_in_its_graph_is_refused(scenario, row, expected
 
 def test_a_node_without_the_node_that_it_waits_for_is_refused(scenario):
     lacking = msgspec.structs.replace(scenario, services=("physics", "target", "follower"))
-    with pytest.raises(ConfigError, match="^services: follower needs odom, which no node here"):
+    with pytest.raises(ConfigError, match=r"^services: follower needs odom, which no node"):
         graph_of(lacking)
 
 

@@ -23,7 +23,6 @@ def test_defaults_are_those_a_ros_user_expects():
     config = load()
     assert (config.command_key, config.odometry_key) == ("cmd_vel", "odom")
     assert (config.odom_frame_id, config.base_frame_id) == ("odom", "base_link")
-    assert config.wheel_joints[0] == "front_left_wheel_joint"
     assert config.odometry_scale == OdometryScale(1.0, 1.0, 1.0)
 
 
@@ -56,8 +55,8 @@ def test_effective_configuration_loads_to_the_same():
         ({"command_key": "/cmd_vel"}, "command_key"),
         ({"command_key": "robot/*"}, "command_key"),
         ({"odometry": "imu"}, "odometry"),
-        ({"wheel_joints": ["a", "b", "c"]}, "wheel_joints"),
-        ({"wheel_joints": ["a", "b", "c", "c"]}, "four different names"),
+        ({"odom_frame_id": "base_link"}, "must differ from base_frame_id"),
+        ({"odom_frame_id": "a", "base_frame_id": "a"}, "must differ from base_frame_id"),
         ({"limits": {"x": {"max_velocity_m_s": 0.0}}}, "max_velocity_m_s"),
         ({"limits": {"yaw": {"max_velocity_rad_s": math.nan}}}, "max_velocity_rad_s"),
         ({"limits": {"x": {"max_velocity_rad_s": 1.0}}}, "unknown field"),

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 from harness import Rig, Steps, load_robot
 from hostile import forged, malformed
@@ -142,8 +143,11 @@ def test_a_run_begins_at_rest_and_without_a_reference():
 
 def test_frames_joints_and_lengths_are_the_users():
     names = ("fl", "fr", "rl", "rr")
-    users = {"odom_frame_id": "o", "base_frame_id": "b", "wheel_joints": names}
+    users = {"odom_frame_id": "o", "base_frame_id": "b"}
     seen = scenario(wheel_radius_m=0.1, half_track_m=0.35, limits=UNLIMITED, **users)
+    wheels = msgspec.structs.replace(seen.robot.wheels, joints=names)
+    robot = msgspec.structs.replace(seen.robot, wheels=wheels)
+    seen = msgspec.structs.replace(seen, robot=robot)
     measured = joints(STANDING, names)
     reference = {keys.CMD_VEL: m.Twist.planar(Twist2D(yaw=1.0))}
     command = Steps(ControllerNode, seen).step(7, measured | reference)[keys.JOINT_COMMAND]
@@ -184,7 +188,7 @@ def test_a_driven_circle_gives_the_exact_pose_at_any_period(tick_s):
     ("speeds", "names"), [((1.0,) * 3, WHEEL_JOINTS[:3]), ((1.0,) * 3, WHEEL_JOINTS), ((), ())]
 )
 def test_a_missing_wheel_is_an_error_at_first_and_refused_later(speeds, names):
-    problem = "controller.wheel_joints: joint_states has no velocity of '.*_wheel_joint'"
+    problem = "robot.wheels.joints: joint_states has no velocity of '.*_wheel_joint'"
     with pytest.raises(ConfigError, match=problem):
         Wheels().measure(0, speeds, names)
     wheels = Wheels()

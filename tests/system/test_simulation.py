@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 from harness import SCENARIOS
 from mecazen import Simulation
-from mecazen.errors import ConfigError
+from mecazen.config.people import FASTEST_M_S
+from mecazen.description import ask_description
+from mecazen.errors import ConfigError, NodeError
+from mecazen.limits import FASTEST_PERSON
 from mecazen.loading import load_scenario
+from mecazen.urdf import read
 from mecazen_recorder.plot import _read
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
@@ -170,6 +174,61 @@ def test_a_command_goes_to_the_renamed_key_and_the_guard_obeys_it():
 def test_a_renamed_key_that_is_taken_is_refused(settings, key):
     with pytest.raises(ConfigError, match=f"controller.{key}: .* is the key of another topic"):
         Simulation("teleop", **settings)
+
+
+JOINTS = ["fl", "fr", "rl", "rr"]
+
+
+def test_the_wheels_joints_have_the_robots_names_everywhere():
+    with Simulation("back", duration_s=0.3) as plain:
+        plain.run()
+    with Simulation("back", duration_s=0.3, **{"robot.wheels.joints": JOINTS}) as sim:
+        sim.run()
+        assert sim.trajectory.sha256() == plain.trajectory.sha256()
+        assert list(sim.latest("joint_states").name[:4]) == JOINTS
+        assert list(sim.latest("joint_command").name) == JOINTS
+        urdf = read(ask_description(sim._run.bus, "", 1.0).urdf)
+        assert set(JOINTS) < {joint.name for joint in urdf.joints}
+
+
+def test_another_base_frame_is_the_root_of_the_same_tree():
+    with Simulation(
+        "back", duration_s=0.1, **{"controller.base_frame_id": "base_footprint"}
+    ) as sim:
+        odometry = sim.run() and sim.latest("odom")
+        joints = read(ask_description(sim._run.bus, "", 1.0).urdf).joints
+        assert odometry.child_frame_id == "base_footprint"
+        parents = {joint.child: joint.parent for joint in joints}
+        parents[odometry.child_frame_id] = odometry.header.frame_id
+        assert parents["base_link"] == "base_footprint"
+        assert {*parents.values()} - parents.keys() == {"odom"}  # one root
+    with pytest.raises(
+        ConfigError, match=r"controller\.base_frame_id: camera_link is another link"
+    ):
+        Simulation("back", duration_s=0.1, **{"controller.base_frame_id": "camera_link"})
+
+
+@pytest.mark.parametrize(("share", "warnings"), [(1.05, 0), (3.3, 1)])
+def test_a_length_that_is_not_the_robots_is_a_warning(share, warnings, caplog):
+    half_m = load_scenario(SCENARIOS / "back.toml").robot.half_track
+    Simulation("back", duration_s=0.1, **{"controller.half_track_m": half_m * share}).close()
+    told = f"controller.half_track_m = {half_m * share:g}, and the robot file has {half_m:g} m"
+    assert [told in record.message for record in caplog.records] == [True] * warnings
+
+
+def test_a_walker_may_run_as_fast_as_a_message_can_tell():
+    # 13 m/s, the most, with the largest ripple of a gait: 19.5 m/s
+    path = {"kind": "straight", "speed_m_s": 13.0, "y_m": 5.0}
+    with Simulation("crowd", duration_s=0.2, **{"crowd.walkers": [{"path": path}]}) as sim:
+        sim.run()
+    assert math.ceil(FASTEST_M_S * 1.5) <= FASTEST_PERSON
+    spinning = {"kind": "circle", "speed_m_s": 1.0, "radius_m": 0.04, "y_m": 5.0}  # at 25 rad/s
+    said = "crowd gives people whose angular velocity 25.* is out of range, at most 20 rad/s"
+    with (
+        pytest.raises(NodeError, match=said),
+        Simulation("crowd", duration_s=0.2, **{"crowd.walkers": [{"path": spinning}]}) as sim,
+    ):
+        sim.run()
 
 
 def test_a_robot_that_a_node_drives_is_not_commanded():

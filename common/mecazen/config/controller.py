@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from mecazen.robot import WHEEL_JOINTS
 from mecazen.schema import Length, Live, NonNegative, Positive, Section, WheelRadius
 
 Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#@\s]+(/[^/*$?#@\s]+)*$")]
@@ -67,14 +66,12 @@ class ControllerConfig(Section):
     """Key of the odometry, for all that publish or receive it."""
     odom_frame_id: Name = "odom"
     base_frame_id: Name = "base_link"
+    """Child frame of the odometry. With another name, the URDF has this frame as the parent of
+    base_link, at the same place: base_link is on the ground, as REP-105's base_footprint."""
     update_rate_hz: Positive | None = None
     """Rate of the odometry; it divides the tick rate. Left out: at every tick."""
     odometry: Literal["wheel", "ground_truth"] = "wheel"
     """Source of the odometry: the wheels' measured angles, or the simulator's truth."""
-    wheel_joints: Annotated[tuple[Name, ...], msgspec.Meta(min_length=4, max_length=4)] = (
-        WHEEL_JOINTS
-    )
-    """Joints of the front left, front right, rear left and rear right wheel."""
     half_wheelbase_m: Length | None = None
     """Half the distance between the axles; left out: from the robot file."""
     half_track_m: Length | None = None
@@ -86,5 +83,8 @@ class ControllerConfig(Section):
     twist_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
 
     def __post_init__(self) -> None:
-        if len(set(self.wheel_joints)) != len(self.wheel_joints):
-            raise ValueError(f"wheel_joints must be four different names: {self.wheel_joints}")
+        if self.odom_frame_id in (self.base_frame_id, "base_link"):
+            raise ValueError(
+                f"odom_frame_id = {self.odom_frame_id!r} must differ from base_frame_id and from "
+                "base_link"
+            )

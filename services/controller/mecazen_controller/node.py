@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import replace
 from typing import Any
@@ -28,8 +29,14 @@ from mecazen.row import Row, every
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import NS_PER_S, RefusedError
 
+logger = logging.getLogger(__name__)
+
 FASTER = 1.5
 """Multiple of the wheels' maximum speed beyond which a change of an angle is no motion."""
+MISMATCH = 0.2
+"""Relative difference of a configured length from the robot's above which the controller warns.
+Calibrations and experiments on errors of a length are within 10 %; a diameter, a whole length or
+another unit in its place is at least a factor of 2 away."""
 
 
 class OdometryNode(Node):
@@ -39,7 +46,7 @@ class OdometryNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = scenario.controller
+        self.config, self.joints = scenario.controller, scenario.robot.wheels.joints
         self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
         self.ticks_per_sample = scenario.ticks_per(self.ROW.rates[ODOM.key])
         self.pose_covariance = diagonal_covariance(self.config.pose_covariance_diagonal)
@@ -74,14 +81,14 @@ class OdometryNode(Node):
         else:
             joints = inputs[JOINT_STATES]
             try:
-                measured = wheel_speeds(joints, self.config.wheel_joints)
+                measured = wheel_speeds(joints, self.joints)
             except RefusedError as problem:
                 if not self.wheels_known:
-                    raise ConfigError(f"controller.wheel_joints: {problem}") from None
+                    raise ConfigError(f"robot.wheels.joints: {problem}") from None
                 inputs.refuse(JOINT_STATES, str(problem))
                 return {}
             self.wheels_known = True
-            self._move(measured, of_wheels(joints, joints.position, self.config.wheel_joints))
+            self._move(measured, of_wheels(joints, joints.position, self.joints))
             self.measured_ns = tick.time_ns
             odometry = self._odometry(self.pose_covariance, self.twist_covariance)
         return {} if tick.number % self.ticks_per_sample else {ODOM: odometry}
@@ -139,13 +146,23 @@ class ControllerNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.config = scenario.controller
+        self.config, self.joints = scenario.controller, scenario.robot.wheels.joints
         self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
         self.drive = self._drive()
         self.tick_s = scenario.sim.tick_s
         self.timeout_s = scenario.command_timeout_s
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
+        self._warn_of_lengths()
+
+    def _warn_of_lengths(self) -> None:
+        """Warn of configured lengths that are far from those of the robot."""
+        configured, robot = self.kinematics, MecanumKinematics.of(self.scenario.robot)
+        for name in ("half_wheelbase", "half_track", "wheel_radius"):
+            value, true = getattr(configured, name), getattr(robot, name)
+            if abs(value - true) > MISMATCH * true:
+                told = f"controller.{name}_m = {value:g}, and the robot file has {true:g} m"
+                logger.warning("msg=%r", told)
 
     def configure(self, scenario: Scenario) -> None:
         """Use the limits and the timeout of a changed scenario from now on."""
@@ -183,7 +200,7 @@ class ControllerNode(Node):
         self.next_velocity = self.drive.limited(self.velocity, wanted, self.tick_s)
         x, y, yaw = (axis.velocity for axis in self.next_velocity)
         speeds = self.kinematics.inverse(Twist2D(x, y, yaw)).desaturate(self.max_speed)
-        header, names = m.Header(stamp=tick.time), self.config.wheel_joints
+        header, names = m.Header(stamp=tick.time), self.joints
         return {JOINT_COMMAND: m.JointState(header=header, name=names, velocity=tuple(speeds))}
 
     def _begin(self, tick: Tick, inputs: Inputs) -> None:
@@ -196,7 +213,7 @@ class ControllerNode(Node):
         joins_late = not self.begun and tick.number > 0
         if joins_late or tick.period_s > self.scenario.wheel_timeout_s + ROUNDING_S:
             try:
-                measured = wheel_speeds(inputs[JOINT_STATES], self.config.wheel_joints)
+                measured = wheel_speeds(inputs[JOINT_STATES], self.joints)
             except RefusedError:
                 measured = WheelSpeeds()  # the odometry node refuses these joint states
             x, y, yaw = map(LimiterState, self.kinematics.forward(measured))

@@ -169,7 +169,7 @@ class FollowerNode(Node):
         """
         if message.ids and len(message.ids) != len(message.poses):
             raise RefusedError(f"{len(message.ids)} ids for {len(message.poses)} poses")
-        moved = message.header.frame_id == "base_link"
+        moved = message.header.frame_id in ("base_link", self.scenario.controller.base_frame_id)
         robot = self.robot.at(message.header.stamp.ns) if moved else Pose2D()
         measurements = [
             check(

@@ -25,7 +25,6 @@ from mecazen.kinematics import WheelSpeeds
 from mecazen.messages import BatteryState, Header, Imu, JointState, Message, String, Vector3
 from mecazen.node import Inputs, Node, Outputs, Tick, World
 from mecazen.programs import installed_nodes
-from mecazen.robot import WHEEL_JOINTS
 from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
 from msgspec.structs import replace
 
@@ -80,7 +79,9 @@ class HardwareWorld(World):
         del inputs
         angles, speeds = self.driver.measure(tick.period_s)
         header = Header(stamp=tick.time, frame_id="base_link")
-        joints = JointState(header, WHEEL_JOINTS, position=angles, velocity=tuple(speeds))
+        joints = JointState(
+            header, self.scenario.robot.wheels.joints, position=angles, velocity=tuple(speeds)
+        )
         outputs: dict[Topic[Any], Message] = {JOINT_STATES: joints}
         if (inertial := self.driver.inertial()) is not None:
             outputs[IMU] = Imu(
@@ -151,7 +152,7 @@ class Motors(Node):
         joints, command = inputs.get(JOINT_COMMAND), None
         if joints is not None:
             try:
-                command = _speeds(joints)
+                command = _speeds(joints, self.scenario.robot.wheels.joints)
             except RefusedError as refusal:
                 inputs.refuse(JOINT_COMMAND, str(refusal))
         age_s = inputs.age_s(JOINT_COMMAND)
@@ -174,13 +175,13 @@ class Motors(Node):
         _Shared.close()
 
 
-def _speeds(joints: JointState) -> WheelCommand:
+def _speeds(joints: JointState, names: tuple[str, ...]) -> WheelCommand:
     """Return the wheel speeds of a joint command.
 
     Raises:
         RefusedError: The command has torques, which the boards do not accept, or lacks a wheel.
     """
-    command = wheel_command(joints)
+    command = wheel_command(joints, names)
     if command.is_effort:
         raise RefusedError("needs a velocity of each wheel: the board takes no torques")
     return command

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 from mecazen.portable import product
-from mecazen.robot import WHEELS, Attachment, Payload, Robot, roller_joint, wheel_joint
+from mecazen.robot import WHEELS, Attachment, Payload, Robot, roller_joint
 
 from mecazen_physics.rollers import Roller
 
@@ -154,7 +154,7 @@ def _wheel(robot: Robot, wheel: str) -> Link:
     return Link(
         name=f"{wheel}_wheel",
         parent="base_link",
-        joint=wheel_joint(wheel),
+        joint=robot.wheels.joints[WHEELS.index(wheel)],
         translation=robot.wheel_position(wheel),
         rotation=np.eye(3),
         axis=(0.0, 1.0, 0.0),

@@ -69,6 +69,8 @@ class PhysicsWorld(World):
         self.parts = {name: scenario.of(name) for name in scenario.names}
         for name, part in self.parts.items():
             check_obstacles(part, name)
+            if part.controller.base_frame_id != "base_link":
+                build_urdf(part.robot, part.controller.base_frame_id)  # refuses a taken name
         self.has_legs = "skeleton" in scenario.sensor.features
         self.person_topic: Topic[Any] = TARGET_SKELETON if self.has_legs else TARGET_ODOM
         self.followed = {name: name or "target" for name in scenario.names}
@@ -134,7 +136,7 @@ class PhysicsWorld(World):
         joints, command = inputs.get(JOINT_COMMAND), None
         if joints is not None:
             try:
-                command = wheel_command(joints)
+                command = wheel_command(joints, self.parts[name].robot.wheels.joints)
             except RefusedError as refusal:
                 inputs.refuse(JOINT_COMMAND, str(refusal))
         speeds = self.robots[name].state.joint_velocity[: len(WHEELS)]
@@ -207,7 +209,8 @@ class PhysicsWorld(World):
 
     def answer(self, call: Call[Any, Any], request: Message, robot: str) -> String:
         """Return a robot's URDF."""
-        return String(data=build_urdf(self.parts[robot].robot))
+        part = self.parts[robot]
+        return String(data=build_urdf(part.robot, part.controller.base_frame_id))
 
     def files(self, robot: str) -> Mapping[str, Mapping[str, bytes]]:
         """Return the meshes that the URDF names."""

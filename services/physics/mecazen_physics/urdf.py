@@ -7,6 +7,7 @@ from functools import cache
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from mecazen.errors import ConfigError
 from mecazen.robot import Robot
 
 from mecazen_physics import model
@@ -33,10 +34,14 @@ def meshes(robot: Robot) -> dict[str, bytes]:
 
 
 @cache
-def build_urdf(robot: Robot) -> str:
+def build_urdf(robot: Robot, base_frame: str = "base_link") -> str:
     """Return the URDF of `robot`, with the joints of `SimulatedRobot.joint_names`.
 
-    Building takes longer than a tick and any client may request the URDF, so it is cached.
+    A base frame with another name than base_link is its parent, at the same place. Building takes
+    longer than a tick and any client may request the URDF, so it is cached.
+
+    Raises:
+        ConfigError: The base frame has the name of another link.
     """
     root = ET.Element("robot", name=robot.name)
     for name, rgba in _COLOURS.items():
@@ -59,6 +64,15 @@ def build_urdf(robot: Robot) -> str:
             _add_link(root, link, barrel, "roller")
         _add_joint(root, link, robot)
     _add_optical_frame(root, robot)
+    if base_frame != base.name:
+        if base_frame in {link.get("name") for link in root.iterfind("link")}:
+            raise ConfigError(
+                f"controller.base_frame_id: {base_frame} is another link of the robot"
+            )
+        ET.SubElement(root, "link", name=base_frame)
+        joint = ET.SubElement(root, "joint", name=f"{base_frame}_joint", type="fixed")
+        ET.SubElement(joint, "parent", link=base_frame)
+        ET.SubElement(joint, "child", link=base.name)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True)
 

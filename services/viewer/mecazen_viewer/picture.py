@@ -15,7 +15,7 @@ from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
 from mecazen.graph import CROWD, WORLDS
 from mecazen.limits import FARTHEST_M
-from mecazen.robot import WHEEL_JOINTS, WHEELS
+from mecazen.robot import WHEELS
 from mecazen.standoff import Standoff
 from mecazen.urdf import read
 
@@ -115,8 +115,9 @@ class Picture:
     def on_joint_command(self, joints: m.JointState, time_ns: int) -> Iterator[Entity]:
         """Plot the commanded wheel speeds; a command of efforts has none."""
         speeds = dict(zip(joints.name, joints.velocity, strict=False))
-        if speeds.keys() >= set(WHEEL_JOINTS) and self._is_due("commanded wheels", time_ns):
-            yield plots.wheel_speeds("commanded", (speeds[name] for name in WHEEL_JOINTS))
+        names = self._scenario.robot.wheels.joints
+        if speeds.keys() >= set(names) and self._is_due("commanded wheels", time_ns):
+            yield plots.wheel_speeds("commanded", (speeds[name] for name in names))
 
     def on_odom(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
         """Place the odom frame so that odometry and ground truth coincide."""
@@ -259,7 +260,7 @@ class Picture:
     def _in_world(self, frame: m.Observation) -> Pose2D | None:
         """Return the observed position in world, with the yaw of the observation's frame."""
         seen = _in_range(frame.poses[0].pose.to_planar())
-        if frame.header.frame_id != "base_link":
+        if frame.header.frame_id not in ("base_link", self._scenario.controller.base_frame_id):
             return seen._replace(yaw=0.0)
         robot = self._robot.at(frame.header.stamp.ns)
         return None if robot is None else robot.compose(seen)._replace(yaw=robot.yaw)

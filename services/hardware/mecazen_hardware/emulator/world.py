@@ -12,7 +12,6 @@ from mecazen.graph import TABLE
 from mecazen.keys import GROUND_TRUTH, IMU, JOINT_COMMAND, JOINT_STATES, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import Header, Imu, JointState, Message, Odometry
-from mecazen.robot import WHEEL_JOINTS
 from mecazen.wire import Stamp
 from mecazen_tools.simulate import InProcess
 from mecazen_tools.trajectory import Scores
@@ -136,7 +135,7 @@ class EmulatedWorld:
             efforts[wheel], drawn = motor_torque(applied, self._speeds[wheel])
             current += max(drawn * (share or 0.0), 0.0)
         self._current = current
-        message = JointState(Header(), WHEEL_JOINTS, effort=tuple(efforts))
+        message = JointState(Header(), self.run.scenario.robot.wheels.joints, effort=tuple(efforts))
         self._command.put(message, None)
         self.run.step()
         self.time_ns = self.run.clock.stamp.time_ns
