@@ -34,7 +34,7 @@ from mecazen_experiments.identify.models import (
     per_wheel,
     rollers_gain,
 )
-from mecazen_experiments.identify.runs import Run, checked
+from mecazen_experiments.identify.runs import Run, checked, run_lines
 from mecazen_experiments.identify.simulated import identified_robot, simulated
 from mecazen_experiments.identify.wheels import check_wheels, gains
 from mecazen_experiments.identify.windows import Moments, cut, total
@@ -168,11 +168,69 @@ def test_windows_with_a_gap_are_left_out_and_reported():
     assert cut_out.gaps == (999,)
     assert 999 not in cut(cut_out, 0.5).starts_s
     assert len(cut(cut_out, 0.5).moved) == 53
-    from mecazen_experiments.identify.runs import gap_lines
-
-    assert gap_lines([cut_out]) == [
+    assert run_lines([cut_out]) == [
         "gap.csv: 1 gaps of up to 3.01 s; windows with a gap are left out"
     ]
+
+
+def csv_of(run, folder, times, name="drive.csv"):
+    file = folder / name
+    table = np.column_stack([run.poses, run.wheels])
+    rows = (f"{t},{','.join(map(repr, row))}" for t, row in zip(times, table.tolist(), strict=True))
+    file.write_text("\n".join([",".join(readers.COLUMNS), *rows]))
+    return file
+
+
+EPOCH = 1_700_000_000
+"""A time in 2023 [s]."""
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "µs", "ns"])
+@pytest.mark.parametrize("begin", [0, EPOCH])
+def test_times_are_read_in_each_unit_also_since_1970(unit, begin, tmp_path):
+    run = driven(seconds=5.0)
+    scale = {"s": 1, "ms": 10**3, "µs": 10**6, "ns": 10**9}[unit]
+    # whole ticks of 10 ms; exact in text
+    ticks = [begin * scale + k * scale // 100 if scale > 1 else begin + k / 100 for k in range(501)]
+    (read_again,), _ = read([csv_of(run, tmp_path, ticks)], "csv")
+    # 1.7e18 ns has 256 ns of resolution, 1.7e9 s has 0.24 µs
+    assert read_again.times == pytest.approx(run.times, abs=1e-6)
+    lines = run_lines([read_again])
+    assert lines == ([f"drive.csv: time is taken as {unit}, by its interval"] if scale > 1 else [])
+
+
+def test_a_single_recording_in_ms_is_identified_without_nan(tmp_path, capsys):
+    run = driven(noise_m=0.0003, seconds=30.0)
+    file = csv_of(run, tmp_path, [EPOCH * 1000 + 10 * k for k in range(3001)])
+    identify_command([file], None, "omni4", (), tmp_path / "out")
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "nan" not in capsys.readouterr().out + report.lower()
+    low, high = identify(OMNI4, [run]).lateral_gain.low, identify(OMNI4, [run]).lateral_gain.high
+    assert low < GAIN < high
+    assert high - low > 0.0
+
+
+@pytest.mark.parametrize("degrees", [-135, -90, -30, 40, 90, 180])
+def test_a_reference_may_be_mounted_at_any_angle(degrees):
+    run, turn = driven(noise_m=0.0003, seconds=30.0), math.radians(degrees)
+    found = identify(OMNI4, [replace(run, poses=run.poses + np.array([0.0, 0.0, turn]))])
+    values = found.model("lateral gain free").parameters
+    for name, expected in {"radius_m": RADIUS, "lever_m": LEVER, "lateral_gain": GAIN}.items():
+        assert values[name].value == pytest.approx(expected, rel=0.003)  # as without a turn
+    lines = [line for line in found.notes if "turned" in line]
+    assert len(lines) == (abs(degrees) > 45)
+    if lines:
+        # the noise moves it by less than 0.1°, and the reference is mounted at MOUNTED[0]
+        shown = float(lines[0].partition("turned by ")[2].partition("°")[0])
+        expected = degrees + math.degrees(MOUNTED[0])
+        assert (shown - expected + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=0.1)
+
+
+def test_swapped_wheels_are_named_also_below_a_turned_reference():
+    run = driven(noise_m=0.0003)
+    run = replace(swapped(run, 1, 0, 2, 3), poses=run.poses + np.array([0.0, 0.0, math.pi / 2]))
+    with pytest.raises(ConfigError, match="front_left and front_right are swapped: "):
+        identify(OMNI4, [run])
 
 
 # ---- the recorded robot
@@ -302,6 +360,10 @@ def made(change):
             lambda t: [r.__setitem__(1, 1000 * r[1]) for r in t],
             "moves at 100 m/s; x and y must be in metres",
         ),
+        (
+            lambda t: [r.__setitem__(0, 1e3 * r[0]) for r in t],
+            "has a sample every 10 s; at most 0.25 s is allowed, with time in seconds",
+        ),
         (lambda t: t.__delitem__(slice(20, None)), "has 20 samples; at least 50 are needed"),
         (lambda t: t.clear(), "has 0 samples"),
     ],
@@ -367,6 +429,12 @@ def test_csv_columns_are_taken_by_name_and_can_be_mapped(tmp_path):
         read([file], "csv", ["time=t"])
     with pytest.raises(ConfigError, match="--columns must be NAME=COLUMN"):
         read([file], "csv", ["time"])
+    bag = tmp_path / "drive_0.db3"
+    bag.write_bytes(b"SQLite format 3\0\xff")
+    with pytest.raises(
+        ConfigError, match=r"drive_0\.db3: a bag of ROS can't be read; export its jo"
+    ):
+        read([bag])
     with pytest.raises(ConfigError, match="--format bag: unknown; allowed: mcap, optiodom, csv"):
         read([file], "bag")
 

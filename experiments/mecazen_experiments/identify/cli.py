@@ -53,7 +53,7 @@ def identify(
 
     Recordings have joint_states, ground_truth/odom and joint_command. A CSV file has the columns
     time_s, x_m, y_m, yaw_rad of the reference, and front_left_rad, front_right_rad, rear_left_rad,
-    rear_right_rad, the angles of the wheels.
+    rear_right_rad, the angles of the wheels. Times may also be in ms, µs or ns, from any moment.
 
     Example: mecazen identify --format optiodom FOLDER --robot omni4 --out report
     """

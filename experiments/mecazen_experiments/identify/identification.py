@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mecazen.robot import Robot
@@ -29,8 +29,8 @@ from mecazen_experiments.identify.models import (
     rollers,
 )
 from mecazen_experiments.identify.motors import MotorLog, identify_motors
-from mecazen_experiments.identify.runs import Array, Run, gap_lines
-from mecazen_experiments.identify.wheels import check_wheels, gains
+from mecazen_experiments.identify.runs import Array, Run, run_lines
+from mecazen_experiments.identify.wheels import check_wheels, gains, mounting
 from mecazen_experiments.identify.windows import Moments, cut, total
 from mecazen_experiments.statistics import Interval, mean_interval
 
@@ -123,6 +123,7 @@ def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -
         ConfigError: Columns of the wheels are swapped, or have a wrong unit.
     """
     nominal = Nominal.of(robot)
+    runs, turned = turned_back(runs)
     for session in sessions(runs):
         own = [run for run in runs if run.session == session]
         check_wheels(session, total(Moments.of(cut(run, WINDOW_S)) for run in own), nominal)
@@ -162,8 +163,21 @@ def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -
         tuple(hypotheses),
         by_session,
         motors,
-        (*gap_lines(runs), *notes),
+        (*run_lines(runs), *turned, *notes),
     )
+
+
+def turned_back(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+    """Return the runs without turns of the reference of more than 45°, and a line on each turn."""
+    grouped = group(runs, [Moments.of(cut(run, WINDOW_S)) for run in runs])
+    turns = {name: mounting(total(parts)) for name, parts in grouped.items()}
+    lines = [
+        f"{name or runs[0].name}: the reference is turned by {math.degrees(turn):.1f}° on the "
+        "robot; misalignment and offset are relative to this angle"
+        for name, turn in turns.items()
+        if turn
+    ]
+    return [replace(run, poses=run.poses - [0.0, 0.0, turns[run.group]]) for run in runs], lines
 
 
 def sessions(runs: Sequence[Run]) -> tuple[str, ...]:
@@ -273,7 +287,9 @@ def session_results(
 
 
 def mean_gain(results: Sequence[SessionResult]) -> Interval:
-    """Return the mean of the lateral over forward gain over sessions."""
+    """Return the mean of the lateral over forward gain over sessions; of one, its interval."""
+    if len(results) == 1:
+        return Interval(results[0].lateral_gain, results[0].low, results[0].high, 1)
     return mean_interval([one.lateral_gain for one in results])
 
 
@@ -309,6 +325,7 @@ Residuals = Mapping[str, Array]
 
 def residuals(robot: Robot, runs: Sequence[Run], found: Identification) -> Residuals:
     """Return the residuals of the model with the most likely number of rollers."""
+    runs, _ = turned_back(runs)
     windows = [cut(run, WINDOW_S, found.offset_s.value) for run in runs]
     model = rollers(Nominal.of(robot), found.roller_count)
     fitted = fit(model, group(runs, [Moments.of(one) for one in windows]))

@@ -16,12 +16,14 @@ from mecazen.explain import one_line
 from mecazen.files import read_bytes
 from mecazen.robot import WHEELS
 
-from mecazen_experiments.identify.runs import Array, Run, checked
+from mecazen_experiments.identify.runs import MAX_PERIOD_S, Array, Run, checked
 
 Format = Literal["mcap", "optiodom", "csv"]
 
 COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", *(f"{wheel}_rad" for wheel in WHEELS))
 """Columns of a CSV file: time, the reference's pose, and the angles of the wheels."""
+UNITS = {"s": 1.0, "ms": 1e3, "µs": 1e6, "ns": 1e9}
+"""Units of time per second."""
 OPTIODOM_FORWARD = np.array([1.0, -1.0, 1.0, -1.0])
 """Signs of OptiOdom's wheels while the robot drives forward."""
 
@@ -117,18 +119,41 @@ def csv_files(paths: Sequence[Path], names: Mapping[str, str]) -> list[Run]:
             )
         table = _numbers(rest, path, len(given), first_line=2)
         table = table[:, [given.index(name) for name in wanted]]
-        runs.append(checked(Run(path.name, path.stem, table[:, 0], table[:, 1:4], table[:, 4:])))
+        times, unit = _seconds(table[:, 0])
+        run = Run(path.name, path.stem, times, table[:, 1:4], table[:, 4:], time_unit=unit)
+        runs.append(checked(run))
     return runs
 
 
+def _seconds(times: Array) -> tuple[Array, str]:
+    """Return times from the first one on [s], and their unit in the file.
+
+    The interval shows the unit: robots log every 0.25 ms to 250 ms.
+    """
+    if len(times) < 2 or not np.isfinite(times).all():
+        return times, "s"  # refused later
+    interval = float(np.median(np.diff(times)))
+    unit = next((unit for unit in UNITS if interval <= MAX_PERIOD_S * UNITS[unit]), "s")
+    return (times - times[0]) / UNITS[unit], unit
+
+
 def _text(path: Path) -> str:
+    if path.suffix in (".db3", ".bag"):
+        raise ConfigError(
+            one_line(
+                f"{path}: a bag of ROS can't be read; export its joint states and reference to CSV "
+                f"with the columns {', '.join(COLUMNS)}"
+            )
+        )
     content = read_bytes(path)
     try:
         if path.suffix == ".gz":
             content = gzip.decompress(content)
         return content.decode()
     except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise ConfigError(one_line(f"{path}: can't be read: {error}")) from None
+        raise ConfigError(
+            one_line(f"{path}: can't be read as CSV, plain or as gzip: {error}")
+        ) from None
 
 
 def _numbers(text: str, path: Path, columns: int, first_line: int = 1) -> Array:

@@ -87,7 +87,8 @@ def _lines(found: Identification, figures: Sequence[Path]) -> Iterator[str]:
         own = sum(not name.startswith(FRAME) for name in model.parameters)
         behind = model.behind
         gap = "" if behind is None else f"{behind.mean:.3f} ({behind.low:.3f} to {behind.high:.3f})"
-        yield f"| {model.name} | {own} | {model.held_out:.3f} | {gap} |"
+        held_out = "needs two runs" if math.isnan(model.held_out) else f"{model.held_out:.3f}"
+        yield f"| {model.name} | {own} | {held_out} | {gap} |"
     yield "\n## Rollers\n"
     yield (
         "The lateral gain is all that the number of rollers changes in these data. So each N is a "

@@ -14,6 +14,8 @@ Array = npt.NDArray[np.float64]
 MAX_GAP = 5.0
 """Longest interval between two samples that does not count as a gap [sample periods]."""
 MIN_SAMPLES = 50
+MAX_PERIOD_S = 0.25
+"""Maximum interval between two samples: a window of 0.5 s has two."""
 MAX_SPEED_M_S = 10.0
 """Maximum speed of the reference; a faster reference has jumped, or has a wrong unit."""
 
@@ -38,6 +40,8 @@ class Run:
     corrected for it."""
     gaps: tuple[int, ...] = field(default=())
     """Indices of the samples before gaps."""
+    time_unit: str = "s"
+    """Unit of the times in the file."""
 
     @property
     def kind(self) -> str:
@@ -85,6 +89,11 @@ def checked(run: Run) -> Run:
             f"{run.name}: time must increase, but sample {first + 2} is at "
             f"{run.times[first + 1]:g} s after {run.times[first]:g} s"
         )
+    if (period := float(np.median(steps))) > MAX_PERIOD_S:
+        raise ConfigError(
+            f"{run.name}: has a sample every {period:.3g} s; at most {MAX_PERIOD_S:g} s is "
+            "allowed, with time in seconds"
+        )
     speeds = np.hypot(*np.diff(run.poses[:, :2], axis=0).T) / steps
     if (fastest := float(np.percentile(speeds, 99.0))) > MAX_SPEED_M_S:
         raise ConfigError(
@@ -96,14 +105,16 @@ def checked(run: Run) -> Run:
         raise ConfigError(f"{run.name}: yaw jumps by 360: it must be in radians, not degrees")
     poses = run.poses.copy()
     poses[:, 2] = np.unwrap(yaw)
-    gaps = np.flatnonzero(steps > MAX_GAP * float(np.median(steps)))
+    gaps = np.flatnonzero(steps > MAX_GAP * period)
     return replace(run, poses=poses, gaps=tuple(int(gap) for gap in gaps))
 
 
-def gap_lines(runs: Sequence[Run]) -> list[str]:
-    """Return a line for each run with gaps."""
+def run_lines(runs: Sequence[Run]) -> list[str]:
+    """Return a line for each run with gaps, or with times in another unit than seconds."""
     lines = []
     for run in runs:
+        if run.time_unit != "s":
+            lines.append(f"{run.name}: time is taken as {run.time_unit}, by its interval")
         if run.gaps:
             longest = max(float(run.times[gap + 1] - run.times[gap]) for gap in run.gaps)
             lines.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import permutations, product
 
 import numpy as np
@@ -21,14 +22,23 @@ UNIT_RATIO = 3.0
 DEGREES = 180.0 / np.pi
 
 
-def gains(
-    moments: Moments, order: tuple[int, ...] = (0, 1, 2, 3), signs: Array | None = None
-) -> tuple[Array, float]:
+def gains(moments: Moments) -> tuple[Array, float]:
     """Return forward, lateral and yaw gain, and the squared residuals relative to the motion.
 
-    The gains are f, l and t in J = [f·1, l·SIDES, t·TURNS]. Position and yaw have equal weight in
-    the residuals. The motion along x may also depend on the wheel pattern of y, and vice versa, as
-    with a reference that is mounted at an angle.
+    The gains are f, l and t in J = [f·1, l·SIDES, t·TURNS].
+    """
+    found, residual = _pattern_gains(moments)
+    return found[:3], residual
+
+
+def _pattern_gains(
+    moments: Moments, order: tuple[int, ...] = (0, 1, 2, 3), signs: Array | None = None
+) -> tuple[Array, float]:
+    """Return gains of wheel patterns, and the squared residuals relative to the motion.
+
+    The gains are those of x, y and yaw with their own patterns, of x with the pattern of y and of
+    y with that of x, as with a reference that is mounted at an angle, and the offset (7,).
+    Position and yaw have equal weight in the residuals.
 
     Args:
         moments: Sums over windows.
@@ -46,7 +56,25 @@ def gains(
     left = basis.T @ sum(w * p for w, p in zip(weights, moments.products, strict=True)) @ basis
     right = basis.T @ sum(w * x for w, x in zip(weights, moments.mixed, strict=True))
     found: Array = np.linalg.lstsq(left, right, rcond=None)[0].astype(float)
-    return found[:3], max(float(2.0 - right @ found) / 2.0, 0.0)
+    return found, max(float(2.0 - right @ found) / 2.0, 0.0)
+
+
+def mounting(moments: Moments) -> float:
+    """Return the yaw of the reference on the robot [rad]; 0 within 45°, or if none explains it."""
+    turn = _turn(_pattern_gains(moments)[0]) or 0.0
+    return turn if abs(turn) > math.pi / 4.0 else 0.0
+
+
+def _turn(gains: Array) -> float | None:
+    """Return the yaw of the reference on the robot; None if the gains need wrong wheels.
+
+    A reference that is turned by β moves by [[cos β, sin β], [-sin β, cos β]]·diag(f, l) with the
+    patterns of x and y, where f, l and the gain of yaw are positive.
+    """
+    (xx, yy, yaw, xy, yx), lateral = gains[:5], math.hypot(gains[1], gains[3])
+    forward = math.hypot(xx, yx)
+    is_mirrored = xx * yy - xy * yx < -0.1 * max(forward, lateral) ** 2
+    return None if is_mirrored or yaw <= 0.0 else math.atan2(xy - yx, xx + yy)
 
 
 def check_wheels(name: str, moments: Moments, nominal: Nominal) -> None:
@@ -88,22 +116,20 @@ def _explain(name: str, moments: Moments, share: float) -> None:
     """Raise an error with the fewest changes of order and directions that explain the motion."""
     choices = []
     for order, signs in product(permutations(range(4)), product((1.0, -1.0), repeat=4)):
-        found, residual = gains(moments, order, np.array(signs))
-        if np.all(found > 0.0):
-            choices.append((float(np.sqrt(residual)), order, signs))
-    best = min(residual for residual, _, _ in choices)
-
-    def changes(choice: tuple[float, tuple[int, ...], tuple[float, ...]]) -> int:
-        _, order, signs = choice
-        return sum(o != w for w, o in enumerate(order)) + sum(sign < 0.0 for sign in signs)
-
-    residual, order, signs = min((c for c in choices if c[0] < EQUAL * best), key=changes)
+        found, residual = _pattern_gains(moments, order, np.array(signs))
+        turn = _turn(found)
+        if turn is not None:
+            count = sum(o != w for w, o in enumerate(order)) + sum(sign < 0.0 for sign in signs)
+            choices.append((float(np.sqrt(residual)), order, signs, (count, abs(turn))))
+    best = min(residual for residual, *_ in choices)
+    equal = (choice for choice in choices if choice[0] <= EQUAL * best)
+    residual, order, signs, _ = min(equal, key=lambda choice: choice[3])
     swapped = [WHEELS[wheel] for wheel in range(4) if order[wheel] != wheel]
     backwards = [WHEELS[column] for column in range(4) if signs[column] < 0.0]
     if residual > SUSPICIOUS or (not swapped and not backwards):
         raise ConfigError(
             f"{name}: the wheels do not explain the reference's motion: {share:.0%} of it is left; "
-            "check columns and units"
+            "check the columns of the wheels, and that time is in seconds and all angles in radians"
         )
     what = " and ".join(
         [f"{' and '.join(swapped)} are swapped"] * bool(swapped)
