@@ -8,7 +8,8 @@ Installed packages can decode further encodings. A package registers a function
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from codecs import BOM_UTF8
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from typing import Any, Literal, NamedTuple, cast
@@ -16,7 +17,8 @@ from typing import Any, Literal, NamedTuple, cast
 import msgspec
 
 from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
-from mecazen.messages import Message, MessageT, Time
+from mecazen.messages import LaserScan, Message, MessageT, Time, Twist, finite_scan
+from mecazen.text import shortened
 
 Format = Literal["json", "msgpack"]
 
@@ -39,10 +41,18 @@ PLUGGED = {"application/cdr": "mecazen-ros"}
 """Packages that must be installed to decode an encoding, by encoding."""
 ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
 
+STAMPED: Mapping[type[Message], str] = {Twist: "twist"}
+"""Messages that are accepted as a part of ROS's stamped message too, with the name of that part."""
+
 _STAMP = struct.Struct("<qII")
 _REVISED = struct.Struct("<qIII")
 _JSON = msgspec.json.Encoder()
 _MSGPACK = msgspec.msgpack.Encoder()
+_FIELDS: dict[str, Callable[[bytes | msgspec.Raw], dict[str, msgspec.Raw]]] = {
+    "json": msgspec.json.Decoder(dict[str, msgspec.Raw]).decode,
+    "msgpack": msgspec.msgpack.Decoder(dict[str, msgspec.Raw]).decode,
+}
+"""Functions that return the fields of an object as they are, by format."""
 
 
 class Stamp(NamedTuple):
@@ -102,13 +112,15 @@ def encode(message: Message, form: Format) -> bytes:
 
 
 @cache
-def _json_decoder(kind: type[MessageT]) -> msgspec.json.Decoder[MessageT]:
-    return msgspec.json.Decoder(kind)
+def _decoder(kind: Any, form: str) -> Callable[[bytes | msgspec.Raw], Any]:
+    made = msgspec.json.Decoder if form == "json" else msgspec.msgpack.Decoder
+    return made(kind).decode
 
 
 @cache
-def _msgpack_decoder(kind: type[MessageT]) -> msgspec.msgpack.Decoder[MessageT]:
-    return msgspec.msgpack.Decoder(kind)
+def _blank(kind: type[Message]) -> Message | None:
+    """Return the message without any given field; None if it has a required field."""
+    return None if any(f.required for f in msgspec.structs.fields(kind)) else kind()
 
 
 def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT:
@@ -123,8 +135,8 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     Time(sec=1, nanosec=0)
 
     Raises:
-        RefusedError: The payload is empty, oversized, truncated or of a wrong type, or a number
-            is not finite.
+        RefusedError: The payload is empty, oversized, truncated or of a wrong type, names no field
+            of the message, or a number is not finite.
     """
     if not payload:
         raise RefusedError("empty payload")
@@ -134,11 +146,43 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
         form = format_of(payload, encoding)
         if form in PLUGGED:
             return cast(MessageT, _plugged(form)(payload, kind))
-        if form == "json":
-            return cast(MessageT, _json_decoder(kind).decode(payload))
-        return cast(MessageT, _msgpack_decoder(kind).decode(payload))
+        return cast(MessageT, _decoded(payload.removeprefix(BOM_UTF8), kind, form))
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
+
+
+def _decoded(payload: bytes, kind: type[Message], form: str) -> Message:
+    try:
+        message: Message = _decoder(kind, form)(payload)
+    except msgspec.ValidationError:
+        if kind is not LaserScan:
+            raise
+        scan = _decoder(dict[str, Any], form)(payload)
+        return msgspec.convert(finite_scan(scan), LaserScan)
+    if message == _blank(kind):  # because its fields are zero, or because they are misspelt
+        content: bytes | msgspec.Raw = payload
+        if (part := STAMPED.get(kind)) and part in (fields := _FIELDS[form](payload)):
+            content = fields[part]
+            message = _decoder(kind, form)(content)
+        if unknown := _unknown(content, message, form):
+            allowed = ", ".join(message.__struct_fields__)
+            raise RefusedError(
+                f"not a {kind.ROS_TYPE}: it has only {', '.join(unknown[:5])}; allowed: {allowed}"
+            )
+    return message
+
+
+def _unknown(payload: bytes | msgspec.Raw, message: msgspec.Struct, form: str) -> list[str]:
+    """Return the names of an object's fields if none of them is a field of the message."""
+    fields = _FIELDS[form](payload) if message.__struct_fields__ else {}
+    names: list[str] = []
+    for name, value in fields.items():
+        field = getattr(message, name, None) if name in message.__struct_fields__ else name
+        below = _unknown(value, field, form) if isinstance(field, msgspec.Struct) else []
+        if field is not name and not below:
+            return []
+        names += [f"{shortened(name)}.{other}" for other in below] or [shortened(name)]
+    return names
 
 
 @cache
@@ -165,9 +209,11 @@ def format_of(payload: bytes, encoding: str) -> str:
     if media in PLUGGED:
         return media
     first = payload[0]
-    if first == 0x7B or first in b" \t\r\n":
+    if first == 0x7B or first in b" \t\r\n" or payload.startswith(BOM_UTF8):
         return "json"
+    if payload[:2] in (b"\x00\x00", b"\x00\x01") and len(payload) >= 4:  # from a bridge to DDS
+        return "application/cdr"
     # MessagePack begins a map, and every message is a map, in one of these three ways
     if 0x80 <= first <= 0x8F or first in (0xDE, 0xDF):
         return "msgpack"
-    raise RefusedError(f"neither JSON nor MessagePack: first byte 0x{first:02x}")
+    raise RefusedError(f"neither JSON, MessagePack nor CDR: first byte 0x{first:02x}")

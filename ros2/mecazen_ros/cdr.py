@@ -16,10 +16,11 @@ from typing import Any
 
 import msgspec
 from mecazen.errors import RefusedError
-from mecazen.messages import Message, MessageT
+from mecazen.messages import LaserScan, Message, MessageT, Twist, finite_scan
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 
+from mecazen_ros.interfaces import message as interface
 from mecazen_ros.types import NO_FIELD, STORE, RosTypeError, Shape, known
 
 HEADER = bytes((0, sys.byteorder == "little", 0, 0))
@@ -30,6 +31,8 @@ CODES = {
 }  # fmt: skip
 TEXTS = 256
 """Number of lists of texts that are kept encoded."""
+
+TwistStamped = interface("TwistStamped")
 
 Add = Callable[[Any, list[Any]], str]
 """Adds a field to the values to pack, and returns its format."""
@@ -54,29 +57,36 @@ def encode(message: Message) -> bytes:
         raise RefusedError(f"no {message.ROS_TYPE} in CDR: {error}") from None
 
 
-def decode(
-    payload: bytes,
-    kind: type[MessageT],
-    make_finite: Callable[[dict[str, Any]], None] | None = None,
-) -> MessageT:
+def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
     """Return the message in `payload`, of either byte order.
 
-    Args:
-        payload: CDR.
-        kind: Type of the message.
-        make_finite: Function that replaces numbers of its fields that are not finite.
+    A payload that is no Twist may be a TwistStamped, which is longer.
 
     Raises:
         RefusedError: Truncated, too long, of another encoding, or a value out of its bounds; or
             ROS has no type for a field of such a message.
     """
     try:
-        fields = STORE.deserialize_cdr(payload, known(kind))
-        if make_finite is not None:
-            make_finite(fields)
-        return msgspec.convert(fields, kind, builtin_types=(bytes,))
+        fields = _fields_of(payload, kind)
+        try:
+            return msgspec.convert(fields, kind, builtin_types=(bytes,))
+        except msgspec.ValidationError:
+            if kind is not LaserScan:
+                raise
+            return msgspec.convert(finite_scan(fields), kind)
     except (SerdeError, msgspec.ValidationError, RosTypeError) as error:
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
+
+
+def _fields_of(payload: bytes, kind: type[Message]) -> dict[str, Any]:
+    """Return the fields of a message as in JSON."""
+    try:
+        fields: dict[str, Any] = STORE.deserialize_cdr(payload, known(kind))
+    except SerdeError:
+        if kind is not Twist:
+            raise
+        fields = STORE.deserialize_cdr(payload, known(TwistStamped))["twist"]
+    return fields
 
 
 def _add_message(message: Message, values: list[Any]) -> str:

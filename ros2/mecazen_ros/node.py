@@ -242,9 +242,7 @@ class RosNode:
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
             attached(sample)  # no ROS node sends or accepts a sample without an attachment
-            message: Message = one.convert(
-                cdr.decode(sample.payload.to_bytes(), one.kind, one.make_finite)
-            )
+            message: Message = one.convert(cdr.decode(sample.payload.to_bytes(), one.kind))
             refuse_implausible(topic.key, message)
             return message
 

@@ -65,8 +65,6 @@ class RosTopic(NamedTuple):
     qos: Qos
     convert: Callable[[Any], Any]
     """Returns the message for the other side; None if there is no message to publish."""
-    make_finite: Callable[[dict[str, Any]], None] | None = None
-    """Replaces numbers of a message from ROS that are not finite."""
 
 
 def name_of(row: Row, topic: Topic[Any], key: str = "") -> str:
@@ -120,7 +118,7 @@ def subscriptions(topic: Topic[Any], key: str, *, is_given: bool = True) -> list
         return []
     found = [RosTopic(ros_name(key), topic.type, Qos(), lambda taken: taken)]
     if topic.type is m.LaserScan:
-        found = [found[0]._replace(qos=SENSOR_DATA, make_finite=of_rep_117)]
+        found = [found[0]._replace(qos=SENSOR_DATA)]
     if topic.type is m.Twist:  # Nav2 sends either type, and each type has its own key
         found.append(RosTopic(ros_name(key), TwistStamped, Qos(), lambda stamped: stamped.twist))
     return found
@@ -149,12 +147,15 @@ def prefixed(message: Any, prefix: str) -> Any:
 
 
 def rep_117(scan: m.LaserScan) -> m.LaserScan:
-    """Return a scan with infinity where nothing was within range, and NaN where nothing is known.
+    """Return a scan with the infinities and NaN of REP-117; see `LaserScan`."""
+    least, most = scan.range_min, scan.range_max
 
-    JSON has neither; see `LaserScan`.
-    """
-    most = scan.range_max
-    ranges = tuple((r if r <= most else math.inf) if r > 0.0 else math.nan for r in scan.ranges)
+    def shown(value: float) -> float:
+        if value <= 0.0:
+            return math.nan
+        return -math.inf if value < least else math.inf if value > most else value
+
+    ranges = tuple(map(shown, scan.ranges))
     return msgspec.structs.replace(scan, ranges=ranges)
 
 
@@ -163,16 +164,6 @@ def _unmeasured(battery: m.BatteryState) -> m.BatteryState:
     names = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
     lost = {name: math.nan for name in names if getattr(battery, name) == 0.0}
     return msgspec.structs.replace(battery, **lost)
-
-
-def of_rep_117(scan: dict[str, Any]) -> None:
-    """Replace the infinities and NaN of a scan from ROS: the reverse of `rep_117`."""
-    least, most = scan["range_min"], scan["range_max"]
-    scan["intensities"] = ()
-    scan["ranges"] = tuple(
-        min(r, most + 1.0) if r >= least and r > 0.0 else 0.0  # comparisons with NaN are false
-        for r in scan["ranges"]
-    )
 
 
 def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:

@@ -141,10 +141,19 @@ def test_refusals_are_logged_once_a_second_for_each_key_and_all_are_counted(pair
 @pytest.mark.parametrize(
     ("payload", "told"),
     [
-        (b'{"linaer":{"x":1}}', "linaer is ignored; did you mean linear? allowed: linear, angular"),
-        (b'{"linear":{"X":1}}', "linear.X is ignored; allowed: x, y, z"),
-        (b'{"\\u001b[2J":1}', "\\u001b[2J is ignored; allowed: linear, angular"),
-        (b'{"' + b"x" * 1000 + b'":1}', f"{'x' * 60}… is ignored; allowed: linear, angular"),
+        (
+            b'{"linaer":{"x":1},"linear":{"x":0.25}}',
+            "linaer is ignored; did you mean linear? allowed: linear, angular",
+        ),
+        (b'{"linear":{"X":1,"x":0.25}}', "linear.X is ignored; allowed: x, y, z"),
+        (
+            b'{"\\u001b[2J":1,"linear":{"x":0.25}}',
+            "\\u001b[2J is ignored; allowed: linear, angular",
+        ),
+        (
+            b'{"' + b"x" * 1000 + b'":1,"linear":{"x":0.25}}',
+            f"{'x' * 60}… is ignored; allowed: linear, angular",
+        ),
     ],
     ids=["typo", "nested", "escape", "long"],
 )
@@ -154,16 +163,16 @@ def test_an_outsiders_unknown_field_is_told_of_and_the_rest_is_obeyed(
     for _ in range(3):
         pair.far.put_bytes("cmd_vel", payload)
         pair.settle()
-    assert set(received) == {(m.Twist(), None)}
+    assert set(received) == {(forward(0.25), None)}
     assert pair.near.ignored == {"cmd_vel": told}
     assert caplog.messages == [f"msg=ignored key=cmd_vel reason={told!r}"]
     assert not pair.near.refused
 
 
 def test_only_what_people_write_is_looked_at_for_unknown_fields(pair, received):
-    pair.far.put_bytes("cmd_vel", b'{"mine":1}', "", STAMP.pack())  # a node says more than we know
+    pair.far.put_bytes("cmd_vel", b'{"mine":1,"linear":{}}', "", STAMP.pack())  # of a node
     pair.settle()
-    pair.far.put_bytes("cmd_vel", b"\x81\xa4mine\x01", MSGPACK_ENCODING)
+    pair.far.put_bytes("cmd_vel", b"\x82\xa4mine\x01\xa6linear\x80", MSGPACK_ENCODING)
     pair.settle()
     assert received == [(m.Twist(), STAMP), (m.Twist(), None)]
     assert not pair.near.ignored

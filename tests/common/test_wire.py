@@ -118,9 +118,13 @@ REFUSED = {
     "lists in lists, MessagePack": (b"\x81\xa1x" + b"\x91" * 500_000 + b"\xc0", m.Twist),
     "tables in tables, MessagePack": (b"\x81\xa1x" * 200_000 + b"\xc0", m.Twist),
     "CDR, one number short": (b"\x00\x01\x00\x00" + bytes(40), m.Twist),
-    "big-endian CDR that does not say so": (bytes(52), m.Twist),
+    "only unknown fields": (b'{"linaer":{"x":1},"angle":1}', m.Twist),
+    "only unknown fields, MessagePack": (packed({"linaer": {"x": 1}}), m.Twist),
+    "only unknown fields of a part": (b'{"linear":{"X":1}}', m.Twist),
+    "only unknown fields of a stamped twist": (b'{"header":{},"twist":{"x":1}}', m.Twist),
+    "a wrong type in a stamped twist": (b'{"twist":{"linear":{"x":"1"}}}', m.Twist),
+    "an unknown field of a request": (b'{"factr":2}', m.SpeedRequest),
     "CDR of what ROS can't say": (b"\x00\x01\x00\x00" + bytes(4), m.ResetRequest),
-    "a byte order mark": (b"\xef\xbb\xbf{}", m.Twist),
 }
 
 
@@ -128,6 +132,48 @@ REFUSED = {
 def test_what_is_not_what_the_key_carries_is_refused_in_one_line(case):
     payload, kind = REFUSED[case]
     assert error_of(RefusedError, lambda: decode(payload, kind))
+
+
+def cdr(*parts, order="<"):
+    """Return CDR of either byte order, of doubles and of bytes."""
+    body = b"".join(p if isinstance(p, bytes) else struct.pack(f"{order}d", p) for p in parts)
+    return bytes((0, order == "<", 0, 0)) + body
+
+
+HEADER = struct.pack("<iII10s2x", 7, 8, 10, b"base_link\0")
+"""Time, length of the frame, the frame, and padding to a multiple of 8 bytes."""
+
+
+# Twists as other programs send them: each is 0.2 m/s forward.
+@pytest.mark.parametrize(
+    ("payload", "encodings"),
+    [
+        (b'{"header":{"frame_id":"x"},"twist":{"linear":{"x":0.2}}}', ("", JSON_ENCODING)),
+        (b'{"twist":{"linear":{"x":0.2}}}', ("", JSON_ENCODING)),
+        (packed({"header": {}, "twist": {"linear": {"x": 0.2}}}), ("", MSGPACK_ENCODING)),
+        (b'\xef\xbb\xbf{"linear":{"x":0.2}}', ("", JSON_ENCODING)),
+        (cdr(0.2, 0.0, 0.0, 0.0, 0.0, 0.0), ("", "zenoh/bytes", "application/cdr")),
+        (cdr(0.2, 0.0, 0.0, 0.0, 0.0, 0.0, order=">"), ("", "application/cdr")),
+        (cdr(HEADER, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0), ("", "application/cdr")),
+        (b'{"linear":{"x":0.2},"linaer":{}}', ("",)),  # the bus warns of the unknown field
+    ],
+)
+def test_a_twist_of_another_program_is_not_taken_for_zero(payload, encodings):
+    for encoding in encodings:
+        assert decode(payload, m.Twist, encoding) == FORWARD
+
+
+@pytest.mark.parametrize("payload", [b"{}", b'{"linear":{}}', b'{"linear":{"x":0.0},"mine":1}'])
+def test_a_zero_twist_stops_whatever_else_it_has(payload):
+    assert decode(payload, m.Twist) == m.Twist()
+    assert decode(b'{"mine":1}', m.Empty) == m.Empty()  # an emergency stop is never refused
+
+
+def test_a_scan_may_have_null_for_numbers_that_json_lacks():
+    payload = b'{"range_min":0.1,"range_max":12.0,"ranges":[null,0.5,40.0],"intensities":[null]}'
+    assert decode(payload, m.LaserScan).ranges == (0.0, 0.5, 40.0)
+    infinite = {"range_min": 0.1, "range_max": 12.0, "ranges": [math.inf, -math.inf, math.nan, 2]}
+    assert decode(packed(infinite), m.LaserScan).ranges == (13.0, 0.05, 0.0, 2.0)
 
 
 def test_a_payload_of_just_six_mebibytes_is_taken_and_a_byte_more_is_refused():

@@ -6,6 +6,7 @@ import logging
 import math
 import time
 from abc import ABC, abstractmethod
+from codecs import BOM_UTF8
 from collections import Counter
 from collections.abc import Callable, Container, Mapping, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -17,7 +18,7 @@ from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message, MessageT
 from mecazen.text import printable, unknown_fields
-from mecazen.wire import RefusedError, Stamp, decode, format_of
+from mecazen.wire import STAMPED, RefusedError, Stamp, decode, format_of
 
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
 
@@ -228,9 +229,10 @@ class Bus(ABC):
         if format_of(payload, encoding) != "json":
             return
         try:
-            given = msgspec.json.decode(payload)
+            given = msgspec.json.decode(payload.removeprefix(BOM_UTF8))
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return  # the decoder of the message skips unknown fields even if they are malformed
+        given = given.get(STAMPED.get(type(message)), given)
         told = next(unknown_fields(given, message), None)
         if told is not None:
             self.ignored[key] = told

@@ -8,7 +8,7 @@ The bounds of a field also determine its type in ROS.
 from __future__ import annotations
 
 import math
-from typing import Annotated, ClassVar, TypeVar, dataclass_transform
+from typing import Annotated, Any, ClassVar, TypeVar, dataclass_transform
 
 import msgspec
 
@@ -202,9 +202,10 @@ class JointState(Message):
 class LaserScan(Message):
     """A planar scan: beam `i` at the angle angle_min + i angle_increment about z [rad].
 
-    Numbers must be finite, so REP-117's infinities are not allowed; its test `range_min <= r <=
-    range_max` still finds the measured ranges. No return within range (+Inf in REP-117) is
-    range_max + 1; a beam without a valid measurement (NaN) is 0, as in many drivers.
+    Numbers must be finite; `finite_scan` replaces the others. REP-117's test `range_min <= r <=
+    range_max` finds the measured ranges. No return within range (+Inf in REP-117) is range_max + 1;
+    an object below range_min (-Inf) is any range between 0 and range_min; a beam without a valid
+    measurement (NaN) is 0. `mecazen.scan` reads drivers that send 0 or NaN for no return as well.
     """
 
     ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/LaserScan"
@@ -218,6 +219,27 @@ class LaserScan(Message):
     range_max: Float32 = 0.0
     ranges: tuple[Float32, ...] = ()
     intensities: tuple[Float32, ...] = ()
+
+
+def finite_scan(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields of a scan from ROS with finite ranges; in JSON, bridges send null instead.
+
+    Intensities are left out, since theirs may be infinite too.
+    """
+    least, most = fields.get("range_min"), fields.get("range_max")
+    ranges = fields.get("ranges")
+    is_scan = isinstance(ranges, list | tuple) and isinstance(most, float | int)
+    if not is_scan or not isinstance(least, float | int):
+        return fields
+
+    def finite(value: Any) -> Any:
+        if value is None:
+            return 0.0
+        if not isinstance(value, float) or math.isfinite(value):
+            return value
+        return 0.0 if math.isnan(value) else most + 1.0 if value > 0.0 else least / 2.0
+
+    return fields | {"ranges": tuple(map(finite, ranges)), "intensities": ()}
 
 
 class Image(Message):

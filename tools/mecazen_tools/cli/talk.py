@@ -18,7 +18,7 @@ from mecazen.limits import refuse_implausible
 from mecazen.plan import compile_plan
 from mecazen.programs import graph_of
 from mecazen.text import printable, unknown_fields
-from mecazen.wire import JSON_ENCODING, RefusedError, decode
+from mecazen.wire import JSON_ENCODING, STAMPED, RefusedError, decode
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -196,7 +196,8 @@ def pub(
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
     if isinstance(read, msgspec.Struct):
-        for problem in unknown_fields(msgspec.json.decode(payload), read):
+        given = msgspec.json.decode(payload)
+        for problem in unknown_fields(given.get(STAMPED.get(type(read)), given), read):
             _warn(f"{key}: {problem}")
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
