@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import date, datetime, time
 from typing import Any
 
@@ -42,6 +42,9 @@ def explain(
     elif missing and not own_words:
         problem = f"missing; must be {describe(_fields(node).get(missing[1], node))}"
         trail = [*trail, missing[1]]
+        others = (key for key in _missing(mi.type_info(kind), raw) if key != trail)
+        names = [".".join(filter(None, (prefix, *key))) for key in others]
+        problem += f"; also missing: {', '.join(names)}" if names else ""
     elif not own_words:
         problem = f"got {show(value)}; allowed: {describe(node)}{_unit(trail, value, node)}"
     elif not isinstance(node, mi.StructType):
@@ -50,6 +53,21 @@ def explain(
     name = source(key, problem, own_words and isinstance(node, mi.StructType))
     parts = (name, "" if name.endswith(f" with --set {key}") else key, problem)
     return one_line(": ".join(part for part in parts if part))
+
+
+def _missing(node: mi.Type, value: Any) -> Iterator[list[str]]:
+    """Yield the keys of all required values that a value lacks; msgspec reports only the first."""
+    node = _choose(node, value)
+    if isinstance(node, mi.StructType) and isinstance(value, dict):
+        for field in node.fields:
+            name = field.encode_name
+            if name in value:
+                yield from ([name, *key] for key in _missing(field.type, value[name]))
+            elif field.required:
+                yield [name]
+    elif isinstance(node, mi.VarTupleType | mi.ListType) and isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from ([str(index), *key] for key in _missing(node.item_type, item))
 
 
 def _elsewhere(key: str) -> list[str]:

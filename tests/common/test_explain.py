@@ -141,7 +141,12 @@ def test_when_an_override_breaks_the_robot_expect_the_robot_file_named(
             "robots/nexus.toml: robot: payload.position_m: its underside would be 0 m above the ",
         ),
         ("robot = 5\n", "scenarios/test.toml: robot: got 5; allowed: a robot file, or a table"),
-        ('[robot]\nname = "x"\n', "scenarios/test.toml: robot.base: missing; must be a table"),
+        (
+            '[robot]\nname = "x"\nbase = { mass_kg = 1.0 }\n',
+            "scenarios/test.toml: robot.base.length_m: missing; must be a number > 0 and <= "
+            "1000000000; also missing: robot.base.width_m, robot.base.height_m, "
+            "robot.base.clearance_m, robot.wheels, robot.rollers, robot.camera, robot.lidar",
+        ),
         ('robot = "none.toml"\n', "scenarios/none.toml: can't be read: No such file"),
         ('robot = "none"\n', "scenarios/test.toml: robot: none: no such robot; a path"),
         ('robot = "../robots"\n', "scenarios/../robots: can't be read: Is a directory"),
