@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from contextlib import closing
+from contextlib import closing, nullcontext
 
 import msgspec
 import pytest
@@ -24,7 +24,7 @@ from harness import (
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.loading import effective, load_scenario
-from mecazen_tools.cli import main
+from mecazen_tools.cli import app, main
 from mecazen_tools.processes import private_router
 
 
@@ -116,6 +116,20 @@ def test_a_command_works_in_unusual_surroundings(arguments, before, variables, o
     assert out in done.stdout
     assert done.stderr.startswith(err)
     assert len(done.stderr.splitlines()) == bool(err)
+
+
+def test_ctrl_c_keeps_a_run_and_no_file_is_overwritten(here, monkeypatch, tmp_path):
+    def interrupt(done):
+        raise KeyboardInterrupt  # at the first progress, after 100 ticks
+
+    monkeypatch.setattr(app, "_progress", lambda *_: nullcontext(interrupt))
+    csv, png = tmp_path / "run.csv", tmp_path / "run.png"
+    run = ("simulate", "back", "--trajectory", csv, "--plot", png)
+    done = here(*run)
+    assert (done.returncode, done.stderr) == (130, "interrupted after 1 of 85 s\n")
+    assert png.stat().st_size > 0
+    assert len(csv.read_text().splitlines()) == 1 + 100
+    assert_one_line(here(*run), 1, "run.csv", "exists already")
 
 
 class Up(Command):

@@ -1,1 +1,4 @@
 """The command `mecazen`: starts, simulates, scores and watches; makes certificates."""
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""

@@ -5,8 +5,7 @@ import os
 import signal
 import sys
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+from mecazen_tools import INTERRUPTED
 
 
 def main() -> None:

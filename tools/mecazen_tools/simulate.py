@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -58,6 +58,10 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
     trajectory_sha256: str
     robots: dict[str, Scores] = {}
     """The measures of each of several robots, by its name."""
+
+
+class InterruptedRun(KeyboardInterrupt):
+    """Ctrl-C has ended a run; the arguments are its result and its trajectory until then."""
 
 
 def in_lockstep(scenario: Scenario) -> Scenario:
@@ -124,7 +128,7 @@ def simulate(
     Raises:
         MecazenError: A service failed.
     """
-    with closing(InProcess(scenario)) as run:
+    with closing(InProcess(scenario)) as run, _keeping(run.scenario, name, run.trajectory):
         begin = time.perf_counter()
         for tick, _ in enumerate(run.ticks(), 1):
             if tick % PROGRESS_TICKS == 0:
@@ -132,6 +136,22 @@ def simulate(
     wall_s = time.perf_counter() - begin
     progress(scenario.sim.ticks)
     return result(run.scenario, name, run.trajectory, wall_s), run.trajectory
+
+
+@contextmanager
+def _keeping(scenario: Scenario, name: str, trajectory: Trajectory) -> Iterator[None]:
+    """Let a Ctrl-C within this context keep the run: raise `InterruptedRun`, once a tick is done.
+
+    A library that calls this module meets a KeyboardInterrupt, as it expects.
+    """
+    begin = time.perf_counter()
+    try:
+        yield
+    except KeyboardInterrupt:
+        if trajectory.done == 0:
+            raise
+        wall_s = time.perf_counter() - begin
+        raise InterruptedRun(_scored(scenario, name, trajectory, wall_s), trajectory) from None
 
 
 def _trajectory(bus: Bus, scenario: Scenario, parts: Sequence[str]) -> Trajectory:
@@ -150,15 +170,20 @@ def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float)
     """
     if not trajectory.complete:
         raise MecazenError(f"the run ended after {trajectory.done} of {scenario.sim.ticks} ticks")
+    return _scored(scenario, name, trajectory, wall_s)
+
+
+def _scored(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float) -> Result:
+    """Return the result of the finished ticks of a run."""
     scores = {
         robot: trajectory.scores(scenario.of(robot).follower.standoff, robot)
         for robot in scenario.names
     }
-    duration_s = scenario.sim.ticks * scenario.sim.tick_ns / NS_PER_S
+    duration_s = trajectory.done * scenario.sim.tick_ns / NS_PER_S
     return Result(
         scenario=name,
         seed=scenario.seed,
-        ticks=scenario.sim.ticks,
+        ticks=trajectory.done,
         duration_s=duration_s,
         wall_s=wall_s,
         rtf=duration_s / wall_s,
@@ -207,7 +232,7 @@ def simulate_distributed(
                 observes = process.services[0] in OBSERVERS
                 with beside_that_core() if observes else on_one_core():
                     supervisor.start(process)
-            with beside_that_core():
+            with beside_that_core(), _keeping(scenario, name, trajectory):
                 wall_s = _collect(trajectory, bus, partial(_pass_on, supervisor), progress)
     finally:
         supervisor.stop()
@@ -239,7 +264,8 @@ def collect(
     bus = _collector_bus(scenario)
     with closing(bus):
         trajectory = _join(bus, scenario)
-        wall_s = _collect(trajectory, bus, check, progress)
+        with _keeping(scenario, name, trajectory):
+            wall_s = _collect(trajectory, bus, check, progress)
     return result(scenario, name, trajectory, wall_s), trajectory
 
 

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib import metadata
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -23,10 +24,16 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mecazen_tools import certificates, drawing, files
+from mecazen_tools import INTERRUPTED, certificates, drawing, files
 from mecazen_tools.cli import param, sim, status, talk, teleop, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
-from mecazen_tools.simulate import Result, collect, simulate, simulate_distributed
+from mecazen_tools.simulate import (
+    InterruptedRun,
+    Result,
+    collect,
+    simulate,
+    simulate_distributed,
+)
 from mecazen_tools.trajectory import Scores, Trajectory
 
 RECORDER = "recorder"
@@ -171,15 +178,11 @@ def simulate_command(
         overrides.append(f"{RECORDER}.file={json.dumps(record)}")
         loaded = load(scenario, overrides)
     _refuse_unwritable(trajectory, plot)
-    with _progress(f"simulating {path.stem}", loaded.sim.ticks) as progress:
-        result, run = (
-            simulate_distributed(path, tuple(overrides), path.stem, progress)
-            if distributed
-            else simulate(loaded, path.stem, progress)
-        )
-    _report(result, run, trajectory, as_json=as_json)
-    if plot is not None:
-        _draw(run, loaded, result, plot, quiet=as_json)
+    if distributed:
+        work = partial(simulate_distributed, path, tuple(overrides), path.stem)
+    else:
+        work = partial(simulate, loaded, path.stem)
+    _run(f"simulating {path.stem}", work, loaded, trajectory, plot, as_json=as_json)
 
 
 @app.command(name="collect")
@@ -202,17 +205,42 @@ def collect_command(
     _refuse_unwritable(trajectory, plot)
     name = scenario_path(scenario).stem
     loaded = load(scenario, settings)
-    with _progress(f"collecting {name}", loaded.sim.ticks) as progress:
-        result, run = collect(loaded, name, progress)
+    work = partial(collect, loaded, name)
+    _run(f"collecting {name}", work, loaded, trajectory, plot, as_json=as_json)
+
+
+def _run(
+    description: str,
+    work: Callable[[Callable[[int], None]], tuple[Result, Trajectory]],
+    scenario: Scenario,
+    trajectory: Path | None,
+    plot: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Make a run with a progress bar, and report it, also what there is of it after Ctrl-C."""
+    is_whole = True
+    with _progress(description, scenario.sim.ticks) as progress:
+        try:
+            result, run = work(progress)
+        except InterruptedRun as interrupt:
+            result, run = interrupt.args
+            is_whole = False
     _report(result, run, trajectory, as_json=as_json)
     if plot is not None:
-        _draw(run, loaded, result, plot, quiet=as_json)
+        _draw(run, scenario, result, plot, quiet=as_json)
+    if not is_whole:
+        whole_s = scenario.sim.duration_s
+        typer.echo(f"interrupted after {result.duration_s:g} of {whole_s:g} s", err=True)
+        raise typer.Exit(INTERRUPTED)
 
 
 def _refuse_unwritable(trajectory: Path | None, plot: Path | None) -> None:
     """Check before the run that its files can be written."""
     if trajectory is not None and not trajectory.absolute().parent.is_dir():
         raise MecazenError(f"--trajectory {trajectory}: no such folder")
+    if trajectory is not None and trajectory.is_file():
+        raise MecazenError(f"--trajectory {trajectory}: exists already, and is not overwritten")
     if plot is not None:
         drawing.refuse_undrawable(plot, "--plot")
 
