@@ -54,6 +54,33 @@ def test_the_commands_that_are_shown_act_on_what_was_started(settings, options):
     )
 
 
+@pytest.mark.parametrize(
+    ("settings", "shares_router", "taken", "moved"),
+    [
+        (
+            (),
+            False,
+            {7447, 9090, 9876},
+            ["bus.connect=", "viewer.web_port=0", "viewer.data_port=0"],
+        ),
+        ((), False, {9876}, ["viewer.data_port=0"]),
+        (("bus.namespace=two",), True, {7447, 9090}, ["viewer.web_port=0"]),
+        # ports that a user chooses stay, and their conflict is an error
+        (
+            ('bus.connect=["tcp/127.0.0.1:7448"]', "viewer.web_port=9091"),
+            False,
+            {7448, 9091},
+            [],
+        ),
+    ],
+)
+def test_a_second_run_takes_free_ports(settings, shares_router, taken, moved, monkeypatch):
+    monkeypatch.setattr(up, "is_free", lambda port: port not in taken)
+    scenario = load_scenario(SCENARIOS / "back.toml", settings)
+    found = up._moved_ports(scenario, shares_router=shares_router)
+    assert [setting.partition('"')[0].rstrip("[") for setting in found] == moved
+
+
 @pytest.mark.parametrize("number", STOPPING)
 def test_a_signal_that_asks_to_end_interrupts(number):
     interrupts = Interrupts()

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import random
 import socket
-from contextlib import suppress
 from pathlib import Path
 
 LOOPBACK = "127.0.0.1"
 FIRST = 10_000
 """Lowest port that is tried; most well-known services use lower ports."""
 _GIVEN_BY_THE_KERNEL = Path("/proc/sys/net/ipv4/ip_local_port_range")
+
+
+def is_free(port: int) -> bool:
+    """Return whether a server can listen on a TCP port."""
+    try:
+        with socket.create_server((LOOPBACK, port)):
+            return True
+    except OSError:
+        return False
 
 
 def free_port() -> int:
@@ -24,5 +32,5 @@ def free_port() -> int:
         end = 1 << 16  # the kernel's range leaves no ports below it
     while True:
         port = random.SystemRandom().randrange(FIRST, end)
-        with suppress(OSError), socket.create_server((LOOPBACK, port)):
+        if is_free(port):
             return port

@@ -19,10 +19,12 @@ from typing import Annotated, Literal
 import typer
 from mecazen import keys
 from mecazen.bridges import bridge_of
+from mecazen.bus.ports import free_port, is_free
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
+from mecazen.config.viewer import ViewerConfig
 from mecazen.errors import BusError, ConfigError
 from mecazen.graph import GRAPH, OBSERVERS, WORLDS, services
 from mecazen.loading import load_scenario, scenario_path
@@ -78,9 +80,9 @@ def up(
 ) -> None:
     """Start a scenario's services as processes, in real time, until Ctrl-C.
 
-    A router for them and for tools listens on tcp/127.0.0.1:7447. If a process fails, its
-    error is shown and all processes end. With --restart it is started again. The other
-    processes continue without the viewer or the recorder.
+    A router for them and for tools listens on tcp/127.0.0.1:7447, or on a free port if another
+    run has that one. If a process fails, its error is shown and all processes end. With --restart
+    it is started again. The other processes continue without the viewer or the recorder.
 
     Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
     """
@@ -96,7 +98,10 @@ def up(
     if processes == 1:
         group = [part for part in loaded.services if part not in OBSERVERS]
         overrides = (*overrides, f"processes={json.dumps([group])}")
-        loaded = load_scenario(path, overrides)
+    shares_router = _shares_router(loaded.bus)
+    moved = _moved_ports(loaded, shares_router=shares_router)
+    overrides = (*overrides, *moved)
+    loaded = load_scenario(path, overrides)
     for part in loaded.services:
         refuse_missing(part, loaded)
     bridge_of(loaded.bus)  # raises if the bridge is not installed
@@ -105,8 +110,10 @@ def up(
     interrupts = Interrupts()
     try:
         name, where = escape(path.stem), escape(str(path))
-        console.print(f"[bold]mecazen[/] starts scenario [bold]{name}[/] ({where})", soft_wrap=True)
-        if not _shares_router(loaded.bus):
+        ports = "; the usual ports are taken, so it takes free ones" if moved else ""
+        begin = f"[bold]mecazen[/] starts scenario [bold]{name}[/] ({where}){ports}"
+        console.print(begin, soft_wrap=True)
+        if not shares_router:
             supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client", renamed=loaded.renamed)) as bus:
             status = Status(bus, loaded)
@@ -139,6 +146,22 @@ def _shares_router(bus: BusConfig) -> bool:
     except BusError:
         return False
     return True
+
+
+def _moved_ports(scenario: Scenario, *, shares_router: bool) -> list[str]:
+    """Return settings with a free port in place of each default port that is taken."""
+    moved = []
+    endpoints = scenario.bus.router_endpoints
+    if endpoints in {(ROUTER,), (SECURE_ROUTER,)} and not shares_router:
+        begin, _, port = endpoints[0].rpartition(":")
+        if not is_free(int(port)):
+            moved.append(f'bus.connect=["{begin}:{free_port()}"]')
+    default = ViewerConfig()
+    for name in ("web_port", "data_port"):
+        port = getattr(default, name)
+        if getattr(scenario.viewer, name) == port and not is_free(port):
+            moved.append(f"viewer.{name}=0")
+    return moved
 
 
 class Interrupts:
