@@ -16,6 +16,8 @@ from mecazen.errors import ConfigError
 from mecazen.loading import SCENARIO_VARIABLE, SETTINGS_VARIABLE, load_scenario, scenario_path
 from mecazen.schema import Folder
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 ScenarioArgument = Annotated[
     str,
@@ -58,10 +60,29 @@ Namespace = Annotated[
 ]
 
 
+TABLE_WIDTH = 80
+"""Least width of a terminal in which tables of many columns are readable [characters]."""
+
+
 def console(width: int) -> Console:
     """Return the terminal, or else a console of a `width` [characters] for tables."""
     terminal = Console()
     return terminal if terminal.is_terminal else Console(width=width)
+
+
+def fitting(table: Table, width: int) -> Table | Text:
+    """Return a table, or its rows as lines `column: value` if the terminal is too narrow for it."""
+    if width >= TABLE_WIDTH:
+        return table
+    heads = [Text.from_markup(str(column.header)) for column in table.columns]
+    lines = []
+    for row in zip(*(column.cells for column in table.columns), strict=True):
+        first, *others = (cell if isinstance(cell, Text) else Text(str(cell)) for cell in row)
+        lines.append(Text(" ").join(first.split("\n")))
+        for head, cell in zip(heads[1:], others, strict=True):
+            if cell:
+                lines.append(Text.assemble("  ", head, ": ", Text(", ").join(cell.split("\n"))))
+    return Text("\n").join(lines)
 
 
 def load(scenario: str, settings: list[str] | None) -> Scenario:

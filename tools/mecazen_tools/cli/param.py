@@ -15,7 +15,7 @@ from mecazen.messages import Message, Parameter, ParameterNames, Parameters
 from rich.table import Table
 from rich.text import Text
 
-from mecazen_tools.cli.options import Connect, Namespace, Tls, console, tool_bus
+from mecazen_tools.cli.options import Connect, Namespace, Tls, console, fitting, tool_bus
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
 Names = Annotated[list[str], typer.Argument(metavar="NAME...", help="E.g. follower.standoff_m.")]
@@ -67,7 +67,8 @@ def list_(
     for one in found:
         cells = one.name, one.value or "left out", one.unit, one.allowed
         table.add_row(*(Text(one_line(cell)) for cell in cells))
-    console(160).print(table)
+    shown = console(160)
+    shown.print(fitting(table, shown.width))
 
 
 @app.command()

@@ -25,7 +25,7 @@ from rich.live import Live
 from rich.table import Column, Table
 from rich.text import Text
 
-from mecazen_tools.cli.options import Connect, Namespace, Tls, console, tool_bus
+from mecazen_tools.cli.options import Connect, Namespace, Tls, console, fitting, tool_bus
 from mecazen_tools.strays import report_strays
 
 REFRESH_S = 0.5
@@ -179,8 +179,8 @@ def _count(said: dict[str, str], name: str) -> int:
     return int(number(said, name) or 0)
 
 
-def screen(status: Status) -> Group:
-    """Return a status as a table with a headline."""
+def screen(status: Status, width: int = SCREEN_WIDTH) -> Group:
+    """Return a status as a table with a headline, for a terminal of a width [characters]."""
     hears = Column("hears [Hz]", overflow="fold")  # else a narrow terminal cuts keys off
     table = Table("service", "state", hears, r"oldest \[s]", "refused", "missed", "restarts")
     for name, service in status.services.items():
@@ -199,7 +199,7 @@ def screen(status: Status) -> Group:
             *(Text(str(number), "yellow" if number else "") for number in numbers),
         )
     warnings = [Text(f"warning: {printable(told)}", "yellow") for told in status.warnings]
-    return Group(Text(_headline(status), "bold"), table, *warnings)
+    return Group(Text(_headline(status), "bold"), fitting(table, width), *warnings)
 
 
 def _headline(status: Status) -> str:
@@ -324,9 +324,9 @@ def status(
             if as_json:
                 typer.echo(printable(msgspec.json.encode(now).decode()))
             else:
-                out.print(screen(now))
+                out.print(screen(now, out.width))
             return
-        with Live(screen(now), console=out, auto_refresh=False) as live:
+        with Live(screen(now, out.width), console=out, auto_refresh=False) as live:
             while True:
                 listener.listen(REFRESH_S)
-                live.update(screen(listener.status()), refresh=True)
+                live.update(screen(listener.status(), out.width), refresh=True)

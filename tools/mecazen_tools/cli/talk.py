@@ -23,7 +23,16 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from mecazen_tools import files, graph_views
-from mecazen_tools.cli.options import Connect, Namespace, Settings, Tls, console, load, tool_bus
+from mecazen_tools.cli.options import (
+    Connect,
+    Namespace,
+    Settings,
+    Tls,
+    console,
+    fitting,
+    load,
+    tool_bus,
+)
 from mecazen_tools.strays import absent, ignored, mistake, unknown_to
 
 LIVE_S = 1.0
@@ -74,7 +83,8 @@ def graph(
         place = name if process == name else f"{name}\nin {process}"
         given = graph_views.gives(row, "\n", loaded)
         table.add_row(*map(Text, (place, graph_views.takes(row, "\n"), given)))
-    console(160).print(table)
+    shown = console(160)
+    shown.print(fitting(table, shown.width))
 
 
 def topics(
@@ -125,7 +135,7 @@ def topics(
     table.add_section()
     for cells in graph_views.call_rows(nodes):
         add(*cells)
-    shown.print(table)
+    shown.print(fitting(table, shown.width))
 
 
 def echo(
