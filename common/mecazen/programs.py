@@ -209,7 +209,7 @@ def _refuse_waits(found: Graph, programs: Mapping[str, str], *, is_real: bool) -
     for row in found.rows:
         for i in row.inputs:
             waits = i.rule == "every" and not row.observes and not found.is_world(row)
-            if waits and found.giver(i.topic.key) is None:
+            if waits and not i.topic.sensed and found.giver(i.topic.key) is None:
                 lack, remedy = "no node here gives", ""
                 if is_real:
                     lack, remedy = "a real robot does not have", "; leave it out (docs/hardware.md)"

@@ -69,9 +69,9 @@ def test_when_all_is_well_expect_level_ok(bus, put):
 def test_a_field_that_is_ignored_is_a_warning(bus, put):
     heard = []
     bus.subscribe(diagnostics("toy"), lambda array, _: heard.append(array.status[0]))
-    bus.put_bytes("cmd_vel", b'{"linaer":{"x":1}}')
+    bus.put_bytes("cmd_vel", b'{"linear":{"x":1},"angluar":{}}')
     put(CLOCK, Clock(), at(0))
-    told = "linaer is ignored; did you mean linear? allowed: linear, angular"
+    told = "angluar is ignored; did you mean angular? allowed: linear, angular"
     assert (heard[0].level, heard[0].message) == (1, "unknown fields")
     assert KeyValue("ignored/cmd_vel", told) in heard[0].values
 

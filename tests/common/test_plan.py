@@ -118,9 +118,6 @@ def test_nothing_waits_for_a_topic_that_no_node_gives(scenario):
     # the world advances without a person; a node of rule `every` makes no step
     assert needs(alone, "physics")["target/odom"].rule == "latest"
     assert needs(alone, "physics")["joint_command"].rule == "every"
-    assert needs(plan_of(scenario, services=("physics", "follower")), "follower")["odom"].rule == (
-        "every"
-    )
 
 
 def test_the_world_goes_on_without_those_whom_it_does_not_wait_for(scenario):

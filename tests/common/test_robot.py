@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 from harness import load_robot
-from mecazen.robot import Camera, Payload, roller_joint, wheel_joint
+from mecazen.robot import Camera, Payload, roller_joint
 from msgspec.structs import replace
 
 
@@ -71,7 +71,7 @@ def test_wheels_turn_the_robot_by_their_lever(robot):
 def test_wheels_are_at_the_corners_and_have_their_joints(robot):
     assert robot.wheel_position("front_left") == pytest.approx((0.2, 0.15, 0.05))
     assert robot.wheel_position("rear_right") == pytest.approx((-0.2, -0.15, 0.05))
-    assert wheel_joint("rear_right") == "rear_right_wheel_joint"
+    assert robot.wheels.joints[3] == "rear_right_wheel_joint"
     assert roller_joint("rear_right", 3) == "rear_right_roller_03_joint"
 
 
