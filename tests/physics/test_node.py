@@ -30,6 +30,7 @@ from mecazen.node import Inputs, Tick
 from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
 from mecazen.skeleton import JOINTS
 from mecazen.wire import encode
+from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.node import PhysicsWorld
 from mecazen_physics.urdf import meshes
 
@@ -399,6 +400,20 @@ def test_imu_and_battery_are_given_at_their_rates_and_only_where_asked_for():
         {keys.IMU, keys.BATTERY_STATE},
     ]
     assert "skeleton" not in driven.world.scenario.features  # neither looks at a person
+
+
+def test_a_robot_on_round_wheels_measures_gravity_alone():
+    # the wheels' hulls have edges, and DART's velocity is that of an edge: up to v √(2 D/R), with
+    # contacts of the depth D = 10 µm; at 1 m/s it is 20 mm/s, or 2 m/s² from tick to tick
+    exact = {name: 0.0 for name in ImuConfig.__struct_fields__ if name != "rate_hz"}
+    sensors = SensorsConfig(imu=ImuConfig(**exact))
+    driven = Driven(sensor=SensorConfig(also=("imu",)), sensors=sensors)
+    for tick in range(100):
+        driven.drive(1, [min(0.4 * tick, 20.0)] * 4)
+        imu = driven.states[""][keys.IMU]
+        assert imu.linear_acceleration.z == pytest.approx(GRAVITY, abs=1e-9)
+        assert (imu.angular_velocity.x, imu.angular_velocity.y) == (0.0, 0.0)
+    assert driven.pose().x > 0.7
 
 
 def test_a_rate_of_an_instrument_that_divides_no_tick_rate_is_refused():

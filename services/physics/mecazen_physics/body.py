@@ -65,6 +65,8 @@ class RobotBody(ABC):
         self._layers: Layers = {"base": [base], "wheel": self._hubs, "roller": self.rollers}
         self.drive: Drive = "torque"
         """Quantity that the motors control now."""
+        self.is_projected = False
+        """Whether the last call of `stand` has put all wheels on the ground plane."""
         scene.add(self.skeleton, self._layers)
         scene.check_detector(self.skeleton)
 
@@ -116,9 +118,10 @@ class RobotBody(ABC):
         leaves the ground within a step falls freely for that step, g·dt² deep, and the next roller
         pushes it out; it loses grip and energy each time. Therefore positions are projected after
         each step (E. Eich, "Convergence results for a coordinate projection method", 1993);
-        velocities do not change. If a wheel rises faster than `LIFT_M_S`, or is deeper than
+        DART's velocities do not change. If a wheel rises faster than `LIFT_M_S`, or is deeper than
         `DEEPEST_M`, nothing is done.
         """
+        self.is_projected = False
         position = self.skeleton.getPositions()
         rx, ry, rz, _, _, z, axle = position[:BASE_DOFS].tolist()
         qx, qy, qz, qw = quaternion(rx, ry, rz)
@@ -130,6 +133,7 @@ class RobotBody(ABC):
         if min(z + ahead - front, z - ahead - rear) > -DEEPEST_M:
             position[0] = position[1] = position[5] = position[6] = 0.0
             self.skeleton.setPositions(position)
+            self.is_projected = True
 
     def lift(self) -> None:
         """Lift the robot out of the ground if a foot has pressed it in.

@@ -24,6 +24,8 @@ NEARBY_M = 1.0
 """Distance after which nearby obstacles are searched again: a map may have hundreds [m]."""
 STANDING_RAD = 1e-3
 """Maximum tilt of a base with four wheels on the ground [rad]."""
+PROJECTED_DOFS = 0, 1, 5, 6
+"""Roll, pitch, height and front axle, which `RobotBody.stand` projects."""
 HYSTERESIS = 1.5
 """A robot becomes isolated again at this multiple of the distance at which isolation ends."""
 
@@ -243,6 +245,10 @@ class SimulatedRobot:
         friction = self._robot.rollers.bearing_friction_nms
         time = self._steps * self._dt
         motion, torques = self.body.read(), self.body.torques()
+        if self.stands and self.body.is_projected:
+            # the rates of the projected positions: DART's are those of the hulls' edges
+            for rate in PROJECTED_DOFS:
+                motion.velocity[rate] = 0.0
         if self._robot.motors is not None:
             speeds = motion.velocity[BASE_DOFS:]
             torques = [t + self._motors.friction(s) for t, s in zip(torques, speeds, strict=False)]
