@@ -206,7 +206,7 @@ def yaw_gain(robot: Robot) -> float:
     inversely proportional to the distances of the contacts from the middle, 1/(l_y ± e). The pair
     whose grip has the larger moment, load times lever, prevails; in the arrangement X that is the
     inner pair. This gain holds for wheels whose rollers are in the same phase, as at the start; in
-    other phases it is up to 1.5 % less.
+    other phases it is up to 3 % less.
     """
     roller = Roller.of(robot)
     # the gain has a kink at θ = 0, and is symmetric: integrate one half
