@@ -123,6 +123,20 @@ def test_a_person_who_stopped_while_out_of_sight_is_followed_again_within_half_a
     assert error(estimate, begin + 5) < 0.2
 
 
+def test_a_thing_that_hides_the_person_is_not_taken_for_them():
+    seen, thing = Seen(), Pose2D(2.0, 0.0)
+    for number in range(200):
+        # hidden for 1.4 s, less than the 2 s after which the person would be lost
+        shown = not 1.9 < person_at(number).x < 2.6
+        estimate = seen.frame(number, thing, *([person_at(number)] if shown else []))
+        if number > SETTLED:
+            # coasting for 1.4 s at a speed that is known to 0.1 m/s
+            assert error(estimate, number) < 0.2
+        if not shown and person_at(number).x > 2.0:
+            assert seen.tracker.state == "coasting"
+    assert seen.tracker.state == "following"
+
+
 def test_a_flipped_heading_in_3_percent_of_the_frames_costs_nothing():
     rng, seen, clean = np.random.default_rng(3), Seen(), Seen()
     for number in range(1000):

@@ -35,6 +35,13 @@ WALKING_M_S = 0.1
 """Forward speed above which a reversed heading is the sensor's error, however long it lasts."""
 FORGET_S = 1.0
 """Time after which another person who is not seen is forgotten [s]."""
+STILL_M, STANDING_S = 0.25, 1.0
+"""A track that stays within this distance of a place for this time stands: it may be a thing, such
+as a box that looks like legs."""
+STANDING_GAIN = 0.2
+"""Gain of the position of a track that stands: too small for a person who walks by."""
+HIDDEN_S = 5.0
+"""Time after which a track that stands is forgotten: the person may hide it for so long [s]."""
 OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 2.0
 """Prior and random walk of the velocity of other people."""
 CROWD = 30
@@ -44,7 +51,10 @@ FLIP_PROBABILITY = 0.03
 
 
 class Track:
-    """The track of another person: constant velocity, with the same variance along both axes."""
+    """The track of another person or thing, with the same variance along both axes.
+
+    It has a constant velocity, or it stands.
+    """
 
     def __init__(self, time: float, seen: Measurement) -> None:
         self.seen_at = time
@@ -54,11 +64,25 @@ class Track:
         self._variances = spread(seen.covariance), 0.0, OTHER_SPEED_STD_M_S**2
         """Variance of the position, its covariance with the velocity, variance of the velocity."""
         self._time = time
+        self._place = self._x, self._y, time
+        """Position and time since which the track is near it."""
+
+    @property
+    def stands(self) -> bool:
+        """Whether the track has been near a place for `STANDING_S`."""
+        return self.seen_at - self._place[2] >= STANDING_S
+
+    @property
+    def is_old(self) -> bool:
+        """Whether the track has not been seen for too long."""
+        return self._time - self.seen_at > (HIDDEN_S if self.stands else FORGET_S)
 
     def predict(self, time: float) -> None:
         """Propagate to a time [s]."""
         dt, (pp, pv, vv) = time - self._time, self._variances
         self._time = time
+        if self.stands:
+            return
         self._x += self._vx * dt
         self._y += self._vy * dt
         q = OTHER_ACCELERATION_STD_M_S2**2 * dt
@@ -67,6 +91,10 @@ class Track:
             pv + vv * dt + q * dt / 2.0,
             vv + q,
         )
+
+    def claims(self, seen: Measurement) -> bool:
+        """Return whether a detection is where this track stands."""
+        return self.stands and math.dist((self._x, self._y), seen.pose[:2]) <= STILL_M
 
     def cost(self, seen: Measurement) -> float:
         """Return the cost of assigning a detection to this track; infinite outside the gate."""
@@ -81,12 +109,17 @@ class Track:
         pp, pv, vv = self._variances
         noise = spread(seen.covariance)
         gain, rate = pp / (pp + noise), pv / (pp + noise)
+        if self.stands:  # only the side that the robot sees changes
+            gain, rate, self._vx, self._vy = STANDING_GAIN, 0.0, 0.0, 0.0
+        else:
+            self._variances = gain * noise, rate * noise, vv - rate * pv
         dx, dy = seen.pose.x - self._x, seen.pose.y - self._y
         self._x, self._y = self._x + gain * dx, self._y + gain * dy
         self._vx, self._vy = self._vx + rate * dx, self._vy + rate * dy
-        self._variances = gain * noise, rate * noise, vv - rate * pv
         self.seen_at = self._time
         self._identity = seen.identity or self._identity
+        if math.dist(self._place[:2], (self._x, self._y)) > STILL_M:
+            self._place = self._x, self._y, self._time
 
 
 class Association:
@@ -147,34 +180,41 @@ class Association:
         if unseen > self._patience:
             return self._restart(nearest(seen, person.pose))
         mine, rest = self._assign(time, person, seen, GATE if begins else NAMELESS_GATE)
+        last = self._last if unseen > DOUBT_S else person.pose
+        # a person out of sight may have stopped anywhere on the predicted path
+        far = [one for one in rest if from_line(one.pose, last, person.pose) >= APART_M]
         if mine is not None:
-            self._contradicted = Contradiction()
+            self._add(time, far)
+            if begins:
+                self._contradicted = Contradiction()
             return self._accept(time, person, mine)
         if not rest:
             return None  # all are known to be other people
         named = [one for one in rest if one.identity and one.identity == self._identity]
         found = nearest(named or rest, person.pose)
-        self._contradicted = self._contradicted.again(time)
-        last = self._last if unseen > DOUBT_S else person.pose
-        # a person out of sight may have stopped anywhere on the predicted path
+        if begins:
+            self._contradicted = self._contradicted.again(time)
         near = bool(named) or from_line(found.pose, last, person.pose) < APART_M
         if begins and (lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))):
             return self._restart(found)
-        far = [one for one in rest if from_line(one.pose, last, person.pose) >= APART_M]
-        new = [Track(time, one) for one in far]
-        self._others = [*self._others, *new][-CROWD:]
+        self._add(time, far)
         return None
+
+    def _add(self, time: float, seen: Sequence[Measurement]) -> None:
+        """Begin tracks of other people."""
+        self._others = [*self._others, *(Track(time, one) for one in seen)][-CROWD:]
 
     def _assign(
         self, time: float, person: Estimate, seen: Sequence[Measurement], gate: float
     ) -> tuple[Measurement | None, list[Measurement]]:
         """Return the person's measurement and those without a known track; update other tracks.
 
-        Pairs of track and measurement are taken in the order of their likelihood.
+        Pairs of track and measurement are taken in the order of their likelihood, those with what
+        stands first: a person who is hidden behind a thing is not the thing.
         """
-        self._others = [one for one in self._others if time - one.seen_at <= FORGET_S]
         for other in self._others:
             other.predict(time)
+        self._others = [other for other in self._others if not other.is_old]
         tracks: list[Track | None] = [None, *self._others]
         named = any(one.identity and one.identity == self._identity for one in seen)
         pairs = []
@@ -184,9 +224,9 @@ class Association:
                     continue  # a sensor does not see a person twice
                 cost = self._cost(person, one, gate) if track is None else track.cost(one)
                 if cost < math.inf:
-                    pairs.append((cost, i, j))
+                    pairs.append((track is None or not track.claims(one), cost, i, j))
         mine, taken, used = None, set[int](), set[int]()
-        for _, i, j in sorted(pairs):
+        for _, _, i, j in sorted(pairs):
             if i in taken or j in used:
                 continue
             taken.add(i)
