@@ -138,7 +138,7 @@ def _rectangles(cells: Any) -> list[tuple[int, int, int, int]]:
     Raises:
         OverflowError: More than `MAX_BOXES` are needed.
     """
-    rectangles = []
+    rectangles: list[tuple[int, int, int, int]] = []
     uncovered = cells.copy()
     for row in cells.any(axis=1).nonzero()[0].tolist():
         for column in uncovered[row].nonzero()[0].tolist():
