@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from experiments.walks import person
+from mecazen.config.people import Body
 from mecazen.skeleton import JOINTS
 from mecazen_experiments.capture import angles
 from mecazen_experiments.gait.events import planted
@@ -70,6 +71,24 @@ def test_our_own_readers_read_what_is_written(walk, tmp_path):
     file = tmp_path / "walk.mot"
     file.write_bytes(mot(t, joints, angles(joints)))
     assert read(file) is not None
+
+
+@pytest.mark.parametrize("suffix", ["trc", "mot", "c3d"])
+def test_a_person_walks_a_walk_that_was_exported(walk, suffix, tmp_path):
+    """Tables of strides and curves (CSV) and summaries have no reader: they are no motion."""
+    t, gap, joints, events = walk
+    file = tmp_path / f"walk.{suffix}"
+    contents = {
+        "trc": lambda: trc(file.name, t, gap),
+        "mot": lambda: mot(t, joints, angles(joints)),
+        "c3d": lambda: c3d(t, gap, events),
+    }
+    file.write_bytes(contents[suffix]())
+    _, again, _ = person(1.0, duration_s=6.0, rate_hz=50.0, body=Body(motion_file=file))
+    for name in ("head", "pelvis", "left_knee"):
+        heights = [places[:, JOINTS.index(name), 2] for places in (joints, again)]
+        assert heights[1].mean() == pytest.approx(heights[0].mean(), abs=0.01)
+        assert heights[1].max() == pytest.approx(heights[0].max(), abs=0.01)
 
 
 def test_a_pelvis_that_faces_left_is_turned_by_90_deg():

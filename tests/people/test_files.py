@@ -140,7 +140,7 @@ def test_c3d_is_read_with_its_hidden_points(tmp_path, scale):
     points[3, 1, 3] = -1.0
     write_c3d(tmp_path / "a.c3d", points, scale=scale)
     track = read(tmp_path / "a.c3d")
-    assert (track.rate_hz, track.up, list(track.values)) == (100.0, 2, ["L0", "L1"])
+    assert (track.rate_hz, list(track.values)) == (100.0, ["L0", "L1"])
     expected = points[..., :3] * abs(scale)
     expected[3, 1] = np.nan
     for i in (0, 1):
@@ -179,6 +179,65 @@ def test_recorded_walk_of_a_walker_is_that_walk(tmp_path):
         rms = np.degrees(np.sqrt(np.mean(np.subtract(found, wanted) ** 2, axis=0)))
         # the walker's own residuals, up to 1.6 deg, and heel strikes that are seen 20 ms off
         assert (rms < (2.5, 4.5, 3.0)).all(), rms
+
+
+NAMINGS = {
+    "Plug-in Gait": "LFEP LFEO LTIO LTOO",
+    "markers of Plug-in Gait": "LHJC LKNE LANK LTOE",
+    "Pose2Sim, OpenCap": "LHip LKnee LAnkle LBigToe",
+    "OpenCap, augmented": "LHJC_study L_knee_study L_ankle_study L_toe_study",
+    "OpenSim": "L.HJC L.Knee L.Ankle L.Toe",
+    "a subject's prefix": "Sub01:LHip Sub01:LKNE Sub01:LANK Sub01:LTOE",
+}
+
+
+def renamed(text, names):
+    """Return a TRC file with the names of a left leg, and of the right leg accordingly."""
+    for name, own in zip(names.split(), ("HJC", "Knee", "Ankle", "Toe"), strict=True):
+        text = text.replace(f"L.{own}", name)
+        right = name.replace("L", "R", 1)
+        text = text.replace(f"R.{own}", right.replace("R_", "r_"))  # OpenCap has r_knee, L_knee
+    return text
+
+
+def test_names_of_all_systems_and_each_vertical_axis_give_one_gait(tmp_path):
+    file = tmp_path / "own.trc"
+    postures = walk(Walker(Body()), Straight(speed_m_s=1.1, length_m=100.0), 8.0)[400:]
+    write_trc(file, postures, 0.01)
+    text, gait = file.read_text(), read_recording(file, SEGMENTS)
+    for names in NAMINGS.values():
+        file.write_text(renamed(text, names))
+        assert read_recording(file, SEGMENTS).speed == gait.speed, names
+    *head, body = text.partition("\n\n")
+    rows = [line.split("\t") for line in body.splitlines()]
+    for axes in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):  # y up, as in OpenSim, then z up, then x up
+        turned = [
+            [*row[:2], *(row[2 + 3 * (i // 3) + axes[i % 3]] for i in range(len(row) - 2))]
+            for row in rows
+        ]
+        file.write_text("".join(head) + "\n".join("\t".join(row) for row in turned))
+        assert read_recording(file, SEGMENTS).speed == pytest.approx(gait.speed, rel=1e-12), axes
+
+    def refused(change):
+        lines = [
+            [*row[:2], *(f"{x:.5f}" for x in change(np.array(row[2:], float).reshape(-1, 3)).flat)]
+            for row in rows
+        ]
+        file.write_text("".join(head) + "\n".join("\t".join(line) for line in lines))
+        with pytest.raises(ConfigError) as error:
+            read_recording(file, SEGMENTS)
+        return str(error.value)
+
+    assert "must have x, y or z point up; its hips are [" in refused(lambda p: -p)
+    lean = np.array([[1, 0, 0], [0, 1, 1], [0, -1, 1]]) / [[1.0], [np.sqrt(2)], [np.sqrt(2)]]
+    assert "must have x, y or z point up; its hips are [" in refused(lambda p: p @ lean)
+    assert "left and right are swapped, or an axis is mirrored" in refused(lambda p: p * [1, 1, -1])
+    assert "must have all markers in some frames" in refused(
+        lambda p: p + np.where(np.arange(len(p)) == 3, np.nan, 0.0)[:, None]  # a toe is hidden
+    )
+    file.write_text(text.replace("R.Heel", "B:L.Heel"))
+    with pytest.raises(ConfigError, match=r"two points like 'L\.Heel'; export a single person"):
+        read_recording(file, SEGMENTS)
 
 
 def test_bvh_is_read_by_its_hierarchy(tmp_path):
@@ -241,7 +300,7 @@ def test_bones_of_a_recorded_bvh_keep_their_lengths():
         (
             "a.mot",
             f"{MOT}.02{ROW[1:]}".replace("knee_angle_r", "x"),
-            "has no point for the right hip",
+            "has no point for the left hip",
         ),
         (
             "a.mot",

@@ -35,8 +35,6 @@ class MotionFile(NamedTuple):
 
     rate_hz: float
     values: dict[str, Array]
-    up: int
-    """Axis of the positions that points up."""
 
 
 def read(file: Path) -> MotionFile:
@@ -94,34 +92,34 @@ def _read_mot(file: Path) -> MotionFile:
         rate = _rate(data[:, 0])
     if "indegrees=yes" in head.lower().replace(" ", ""):
         data[:, 1:] = np.radians(data[:, 1:])
-    return MotionFile(rate, values, 1)
+    return MotionFile(rate, values)
 
 
 def _read_trc(file: Path) -> MotionFile:
-    """Read markers over time, y up as in OpenSim."""
+    """Read markers over time."""
     text = read_text(file)
     with _parsed(file):
         lines = StringIO(text)
         *_, heads, _ = [next(lines) for _ in range(5)]
-        names = [name for name in heads.split("\t")[2:] if name.strip()]
+        names = [name.strip() for name in heads.split("\t")[2:] if name.strip()]
         width = 2 + 3 * len(names)
         rows = (line.rstrip("\r\n").split("\t")[1:width] for line in lines if line.strip())
         data = _table(([cell or "nan" for cell in row] for row in rows), width - 1)
         rate = _rate(data[:, 0])
         points = data[:, 1:].reshape(len(data), len(names), 3)
-    return MotionFile(rate, {name: points[:, i] for i, name in enumerate(names)}, 1)
+    return MotionFile(rate, {name: points[:, i] for i, name in enumerate(names)})
 
 
 def _read_c3d(file: Path) -> MotionFile:
-    """Read points over time, z up."""
+    """Read points over time."""
     data = read_bytes(file)
     with _parsed(file):
         rate, values = read_points(data)
-    return MotionFile(rate, values, 2)
+    return MotionFile(rate, values)
 
 
 def _read_bvh(file: Path) -> MotionFile:
-    """Read a hierarchy and its channels; return the places of its joints, y up."""
+    """Read a hierarchy and its channels; return the places of its joints."""
     text = read_text(file)
     with _parsed(file):
         joints, rate, data = _parse_bvh(word[0] for word in re.finditer(r"\S+", text))
@@ -142,9 +140,7 @@ def _read_bvh(file: Path) -> MotionFile:
             turn = np.einsum("nij,njk->nik", frame, turn)
         places.append((place, turn))
     named = zip(joints, places, strict=True)
-    return MotionFile(
-        rate, {joint[0]: place for joint, (place, _) in named if joint[0] != "Site"}, 1
-    )
+    return MotionFile(rate, {joint[0]: place for joint, (place, _) in named if joint[0] != "Site"})
 
 
 def _parse_bvh(words: Iterator[str]) -> tuple[list[_Joint], float, Array]:

@@ -17,13 +17,24 @@ from mecazen_people.body.style import Curves, Reference
 
 _NAMES = {
     "hip": ("{}Hip", "{}UpLeg", "{}.HJC", "{}HJC", "{}FEP"),
-    "knee": ("{}Knee", "{}Leg", "{}.Knee", "{}KJC", "{}FEO", "{}KNE"),
-    "ankle": ("{}Ankle", "{}Foot", "{}.Ankle", "{}AJC", "{}TIO", "{}ANK"),
-    "toe": ("{}Toe", "{}ToeBase", "{}.Toe", "{}TOO", "{}TOE"),
+    "knee": ("{}Knee", "{}Leg", "{}.Knee", "{}KJC", "{}FEO", "{}KNE", "{}_knee"),
+    "ankle": ("{}Ankle", "{}Foot", "{}.Ankle", "{}AJC", "{}TIO", "{}ANK", "{}_ankle"),
+    "toe": ("{}Ball", "{}Toe", "{}ToeBase", "{}.Toe", "{}TOO", "{}TOE", "{}BigToe", "{}_toe"),
     "asis": ("{}.ASIS", "{}ASIS", "{}ASI"),
 }
-"""Names of points in BVH, OpenSim and Plug-in Gait; {} is the side."""
-_SIDES = (("Left", "L"), ("Right", "R"))
+"""Names of points by joint, the most exact first; {} is the side. Sources:
+
+- `{}Hip`, `{}Knee`, `{}Ankle`, `{}BigToe`: HALPE_26 of Pose2Sim (Pose2Sim.skeletons) and the video
+  keypoints of OpenCap; with `{}Ball` the files of `mecazen gait --export`.
+- `{}HJC`, `{}_knee`, `{}_ankle`, `{}_toe`, `{}.ASIS`: the augmented markers of OpenCap, which end
+  in `_study`.
+- `{}FEP`, `{}FEO`, `{}TIO`, `{}TOO`: the bones of Plug-in Gait (Vicon Nexus, Plug-in Gait bones);
+  `{}KNE`, `{}ANK`, `{}TOE`, `{}ASI`: its markers; `{}HJC`, `{}KJC`, `{}AJC`: joint centres.
+- `{}.HJC`, `{}.Knee`, `{}.Ankle`, `{}.Toe`, `{}.ASIS`: OpenSim's gait2392.
+- `{}UpLeg`, `{}Leg`, `{}Foot`, `{}ToeBase`: BVH of Mixamo and others.
+"""
+_SIDES = (("Left", "L", "l"), ("Right", "R", "r"))
+_UPRIGHT = 0.8  # least part of the way from ankles to hips along the vertical axis
 _HEADING_S = 1.2  # about a stride, in which the pelvis has the mean heading of the walk
 _STRAIGHTEST = np.radians(3.0)  # least flexion of the knee
 _IRREGULAR = 0.3  # largest deviation of a cycle, as a share of the usual length
@@ -40,7 +51,8 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     """
     track = read(file)
     try:
-        legs = [_angles(track, side) for side in (0, 1)]
+        track = track._replace(values=_named(track.values))
+        legs = _whole(np.array([_angles(track, side) for side in (0, 1)]))
         cycles = [_Cycles(track.rate_hz, leg, segments) for leg in legs]
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
@@ -58,6 +70,39 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     )
 
 
+def _named(values: dict[str, Array]) -> dict[str, Array]:
+    """Return values by their names without a prefix as in `Sub01:LTOE`, and without `_study`."""
+    named = {name.rpartition(":")[2].removesuffix("_study"): name for name in values}
+    if len(named) < len(values):
+        first = next(name for name in values if name not in named.values())
+        raise ConfigError(f"has two points like {first!r}; export a single person")
+    return {name: values[full] for name, full in named.items()}
+
+
+def _whole(angles: Array) -> Array:
+    """Return the longest part without a gap of angles over frames (2, 3, n)."""
+    gaps = np.flatnonzero(~np.isfinite(angles).all(axis=(0, 1)))
+    edges = np.concatenate([[-1], gaps, [angles.shape[2]]])
+    longest = int(np.argmax(np.diff(edges)))
+    if edges[longest + 1] - edges[longest] < 3:
+        raise ConfigError("must have all markers in some frames that follow each other")
+    return angles[:, :, edges[longest] + 1 : edges[longest + 1]]
+
+
+def _up(track: MotionFile) -> int:
+    """Return the axis that points up: from the ankles to the hips, in the mean."""
+    hips = [_pelvis(track, side) for side in (0, 1)]
+    way = np.array([hip - _point(track, "ankle", side) for side, hip in enumerate(hips)])
+    mean = np.nan_to_num(way).mean(axis=(0, 1))
+    up = int(np.argmax(np.abs(mean)))
+    if not mean[up] > _UPRIGHT * float(np.sqrt((mean * mean).sum())):
+        shown = ", ".join(f"{value:.3g}" for value in mean)
+        raise ConfigError(
+            f"must have x, y or z point up; its hips are [{shown}] above its ankles in the mean"
+        )
+    return up
+
+
 def _angles(track: MotionFile, side: int) -> Array:
     """Return hip, knee and ankle [rad] over the frames (3, n); the ankle's offset is unknown."""
     values, letter = track.values, ("l", "r")[side]
@@ -69,7 +114,7 @@ def _angles(track: MotionFile, side: int) -> Array:
         hip, knee, ankle, tilt = (values[name] for name in names)
         flexion = -knee if knee.mean() < 0.0 else knee  # both signs are in use
         return np.array([hip + tilt + PELVIS_TILT, flexion, ankle])
-    up = track.up
+    up = _up(track)
     near, far = (_pelvis(track, s) for s in (side, 1 - side))
     across = (near - far) * (1 - 2 * side)
     across[:, up] = 0.0
@@ -80,7 +125,11 @@ def _angles(track: MotionFile, side: int) -> Array:
         raise ConfigError("must have its hips side by side")
     forward /= length
     knee, ankle, toe = (_point(track, name, side) for name in ("knee", "ankle", "toe"))
-    hip = _hip(track, side, forward)
+    hip = _hip(track, side, forward, up)
+    if np.nansum((toe - ankle) * forward) < 0.0:
+        raise ConfigError(
+            "has its toes behind its ankles: left and right are swapped, or an axis is mirrored"
+        )
     thigh, shank, foot = (
         np.stack([(p * forward).sum(axis=1), p[:, up]])
         for p in (knee - hip, ankle - knee, toe - ankle)
@@ -90,7 +139,7 @@ def _angles(track: MotionFile, side: int) -> Array:
     return np.array([thigh_angle + PELVIS_TILT, thigh_angle - shank_angle, pitch - shank_angle])
 
 
-def _hip(track: MotionFile, side: int, forward: Array) -> Array:
+def _hip(track: MotionFile, side: int, forward: Array, up: int) -> Array:
     """Return a hip joint's centre (n, 3); if it is not recorded, from the markers on the pelvis.
 
     The centre is 14 % of the markers' distance inwards, 19 % behind and 30 % below (A. L. Bell et
@@ -100,7 +149,7 @@ def _hip(track: MotionFile, side: int, forward: Array) -> Array:
         return _point(track, "hip", side)
     near, far = _point(track, "asis", side), _point(track, "asis", 1 - side)
     width = np.sqrt(((near - far) ** 2).sum(axis=1, keepdims=True))
-    down = np.eye(3)[track.up]
+    down = np.eye(3)[up]
     centre: Array = near + 0.14 * (far - near) - width * (0.19 * forward + 0.30 * down)
     return centre
 
@@ -136,8 +185,6 @@ class _Cycles:
     """The regular cycles of one leg, and their mean; pauses and single odd steps are left out."""
 
     def __init__(self, rate_hz: float, angles: Array, segments: Segments) -> None:
-        if not np.isfinite(angles).all():
-            raise ConfigError("must have all markers in all frames")
         hip, knee, ankle = angles
         thigh = hip - PELVIS_TILT
         shank = thigh - knee
