@@ -9,6 +9,7 @@ RUNS = $$one -c '$(USABLE)' 2>/dev/null
 SERVICES := $(notdir $(wildcard services/*))
 SCENARIO ?= back
 SCALE ?= 120
+LOWEST ?= common people tools follower controller target physics
 HUNDREDS ?= 1
 # what a user runs, and what comes with the targets that need it
 SDK := common people tools
@@ -56,12 +57,13 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: docs results results-check help install develop graph gazebo bench-peers drawing pictures run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-pythons test-chaos test-compose test-dist dist soak
+.PHONY: docs results results-check help install develop graph gazebo bench-peers drawing pictures run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-pythons test-lowest test-chaos test-compose test-dist dist soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
 	@echo "make test         all tests but chaos, containers, Pythons and soak; make test-physics and its like: one part"
 	@echo "make test-pythons the same results with each Python that is installed"
+	@echo "make test-lowest  most parts with the lowest version of each dependency that is allowed"
 	@echo "make test-compose the containers, by docker compose up; where Docker can't be had it says so"
 	@echo "make lint         style, types and import rules"
 	@echo "make test-chaos   a hundred kills and freezes at random moments (HUNDREDS=10 LOG=FILE: a thousand)"
@@ -145,6 +147,14 @@ GYM := people tools services/physics services/controller services/target service
 	@$(call install,$(@D),2/2,what runs a scenario,$(call EDITABLE,$(SDK) $(LOOP)))
 	@touch $@
 
+# the lowest versions that our projects allow
+.venv-lowest/ready: $(WORKSPACE:%=%/pyproject.toml) pyproject.toml | .venv-pip/ready
+	@$(call make_venv,.venv-lowest,1/2)
+	@grep -Eoh '"[a-z0-9-]+(\[[a-z]+\])?>=[0-9.]+"' $^ | sed -E 's/"|\[.*\]//g; s/>=/==/' | sort -u >$(@D)/lowest.txt
+	@$(subst constraints.txt,$(@D)/lowest.txt,$(call install,$(@D),2/2,the lowest versions,\
+		$(call EDITABLE,$(SDK:tools=tools[keys,plot]) ros2 $(LOOP)) --group test))
+	@touch $@
+
 # what speaks with us as ROS does: it holds nothing of ours
 .venv-ros/ready: constraints.txt pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-ros,1/2)
@@ -189,6 +199,10 @@ test-dist: dist
 
 test-experiments test-bench test-system test-ros test-dist: test-%: .venv/developer
 	.venv/bin/python -m pytest tests/$*
+
+# warnings of old versions are their own
+test-lowest: .venv-lowest/ready
+	.venv-lowest/bin/python -m pytest -o filterwarnings= $(addprefix tests/,$(LOWEST))
 
 test-pythons: .venv/developer
 	@for one in $(PYTHONS); do ! $(RUNS) || $(MAKE) -s PYTHON=$$one \
