@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from mecazen import keys
 from mecazen.config import Scenario
+from mecazen.files import to_value
 from mecazen.loading import load_scenario
 from mecazen.messages import StepRequest
 from mecazen.programs import classes
@@ -133,7 +133,7 @@ def _in_one_process(scenario: Scenario) -> Iterator[Way]:
 
 @contextmanager
 def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
-    grouped = (f"processes={json.dumps(groups)}",) if groups else ()
+    grouped = (f"processes={to_value(groups)}",) if groups else ()
     with ExitStack() as exits:
         with on_one_core():
             stack = exits.enter_context(running("back", 'sim.mode="lockstep"', *ENDLESS, *grouped))

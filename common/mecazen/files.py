@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 import stat
 import tomllib
+from collections.abc import Mapping
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, BinaryIO
+
+import tomli_w
 
 from mecazen.errors import ConfigError
 from mecazen.explain import one_line
@@ -98,9 +102,37 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def parse_value(text: str) -> Any:
-    """Return the value of a text in TOML; a bare word is a string."""
+    """Return the value of a text in TOML; a bare word is a string.
+
+    Raises:
+        ConfigError: The text begins as a string, a list or a table, and is not TOML.
+    """
+    text = text.strip()
     try:
         parsed = parse_toml(f"value = {text}")
-    except ValueError:
-        return text.strip()
-    return parsed["value"] if len(parsed) == 1 else text.strip()
+    except ValueError as error:
+        if text.startswith(("[", "{", '"', "'")):
+            raise ConfigError(one_line(f"{text}: not TOML: {error}")) from None
+        return text
+    return parsed["value"] if len(parsed) == 1 else text
+
+
+def to_value(value: Any) -> str:
+    """Return a value in TOML on one line: the inverse of `parse_value`.
+
+    Raises:
+        TypeError: TOML has no such value.
+    """
+    if isinstance(value, Mapping):
+        keys = (tomli_w.dumps({key: 0}).removesuffix("0\n") for key in value)
+        items = (key + to_value(item) for key, item in zip(keys, value.values(), strict=True))
+        return f"{{{', '.join(items)}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(to_value, value))}]"
+    if isinstance(value, os.PathLike):
+        value = os.fspath(value)
+    elif isinstance(value, Integral) and not isinstance(value, bool):
+        value = int(value)  # of NumPy
+    elif isinstance(value, Real) and not isinstance(value, bool):
+        value = float(value)
+    return tomli_w.dumps({"value": value}).removeprefix("value = ").removesuffix("\n")

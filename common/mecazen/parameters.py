@@ -7,7 +7,6 @@ by its key and in TOML, with the same ranges.
 from __future__ import annotations
 
 import difflib
-import json
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
@@ -18,7 +17,7 @@ import msgspec.inspect as mi
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.explain import describe, one_line, show
-from mecazen.files import parse_value
+from mecazen.files import parse_value, to_value
 from mecazen.graph import SERVICES
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
 from mecazen.schema import LIVE, Section, SectionT
@@ -126,10 +125,7 @@ def _is_optional(kind: mi.Type) -> bool:
 
 def to_text(value: Any) -> str:
     """Return a value in TOML, or "" if it is left out."""
-    if value is None:
-        return ""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return repr(value) if is_number else json.dumps(value)
+    return "" if value is None else to_value(value)
 
 
 def settings_of(message: Parameters) -> dict[str, str]:
@@ -249,7 +245,10 @@ def _converted(text: str, section: type[Section], name: str, key: str) -> Any:
     kind = _kinds(section)[name]
     if not text and _is_optional(kind):
         return None
-    value = parse_value(text)
+    try:
+        value = parse_value(text)
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}") from None
     try:
         return msgspec.convert(value, _types(section)[name])
     except msgspec.ValidationError:

@@ -23,7 +23,7 @@ import msgspec
 from mecazen.config import Scenario
 from mecazen.config.people import Recorded
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.files import read_bytes
+from mecazen.files import read_bytes, to_value
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.schema import Output
@@ -120,10 +120,7 @@ def expand(
 
 def _values(sweep: Sweep) -> dict[str, tuple[str, ...]]:
     """Return a sweep with its values in TOML, as in `--sweep`."""
-    return {
-        key: tuple(json.dumps(value, ensure_ascii=False) for value in values)
-        for key, values in sweep.items()
-    }
+    return {key: tuple(to_value(value) for value in values) for key, values in sweep.items()}
 
 
 def _scalar(value: str) -> str | float:

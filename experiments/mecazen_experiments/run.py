@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
+from mecazen.files import to_value
 from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
 from mecazen.loading import load_scenario
 from mecazen_tools.simulate import InProcess, result
@@ -106,8 +106,8 @@ def film(job: Job, folder: Path) -> Path:
     check_version(job)
     file = folder / f"{file_name(job)}.mcap"
     recorded = (
-        f"services={json.dumps([*job.load().services, 'recorder'])}",
-        f"recorder.file={json.dumps(str(file))}",
+        f"services={to_value([*job.load().services, 'recorder'])}",
+        f"recorder.file={to_value(str(file))}",
     )
     observe(load_scenario(job.scenario, (*job.settings, *recorded)))
     return file

@@ -1,12 +1,22 @@
 """Only regular files of bounded size are read."""
 
+import math
 import os
 from pathlib import Path
 
 import pytest
 from harness import error_of
 from mecazen.errors import ConfigError
-from mecazen.files import MAX_DEPTH, open_regular, parse_toml, read_bytes, read_text, read_toml
+from mecazen.files import (
+    MAX_DEPTH,
+    open_regular,
+    parse_toml,
+    parse_value,
+    read_bytes,
+    read_text,
+    read_toml,
+    to_value,
+)
 
 
 def test_a_regular_file_is_read_up_to_its_largest_size(tmp_path):
@@ -66,3 +76,18 @@ def test_toml_that_is_nested_as_allowed_is_read():
     for _ in range(MAX_DEPTH - 2):
         tables = tables["b"]
     assert tables == {"c": 1}
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ("é😀", '"é😀"'),
+        ('a\x7f"\\\n', '"a\\u007f\\"\\\\\\n"'),
+        ((1, 2.5, True, [math.inf, -math.inf]), "[1, 2.5, true, [inf, -inf]]"),
+        ({"a b": {"c": []}, "d": Path("x")}, '{"a b" = {c = []}, d = "x"}'),
+        (1e300, "1e+300"),
+    ],
+)
+def test_a_value_is_written_in_toml_and_read_again(value, text):
+    assert to_value(value) == text
+    assert to_value(parse_value(text)) == text

@@ -74,6 +74,7 @@ BAD = [
     # settings
     setting("physics.dt_s=0.0019", "sim.tick_s", "nearest: 0.0016666666666666668, 0.002"),
     setting("follower.estimator=magic", "magic", "kf_cv"),
+    setting("follower.priorities=[1,", "follower.priorities", "not TOML"),
     setting("follower.bearing_deg=30", "bearing_deg and heading_deg"),
     setting("follower.lost_after_s=0.05", "coast_after_s"),
     setting("target.path.file=x.csv", "x.csv", scenario="pedestrian"),

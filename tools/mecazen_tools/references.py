@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import json
 import re
 import sys
 from collections import Counter
@@ -19,6 +18,7 @@ import msgspec
 import typer
 from mecazen.config import Scenario
 from mecazen.config.scenario import NO_KEYS
+from mecazen.files import to_value
 from mecazen.schema import LIVE
 from msgspec import inspect as types
 
@@ -287,7 +287,7 @@ def _default(field: types.Field) -> str:
     if isinstance(value, msgspec.Struct):
         tag = value.__struct_config__.tag
         return f'`"{tag}"`' if tag else ""
-    return f"`{json.dumps(msgspec.to_builtins(value, enc_hook=str))}`"
+    return f"`{to_value(msgspec.to_builtins(value, enc_hook=str))}`"
 
 
 def _about(struct: type) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import sys
@@ -17,6 +16,7 @@ from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.files import to_value
 from mecazen.graph import COLLECTOR, OBSERVERS
 from mecazen.keys import ODOM
 from mecazen.loading import load_scenario
@@ -211,7 +211,7 @@ def simulate_distributed(
     settings = (
         *settings,
         "sim.mode=lockstep",
-        f"services={json.dumps([*scenario.services, COLLECTOR])}",
+        f"services={to_value([*scenario.services, COLLECTOR])}",
         *private_router("tls" if scenario.bus.keys else "tcp"),
     )
     scenario = load_scenario(path, settings)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import difflib
 import inspect
-import json
 import math
 from collections.abc import Iterator, Mapping
-from numbers import Integral
 from operator import index
 from os import PathLike, fspath
 from pathlib import Path
@@ -18,6 +16,7 @@ from mecazen.config import Scenario
 from mecazen.config.people import Driven
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.explain import one_line, show
+from mecazen.files import to_value
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
 from mecazen.loading import effective, from_tables, load_scenario, scenario_path
@@ -418,20 +417,6 @@ def _setting(key: str, value: Any) -> str:
         ConfigError: TOML has no such value.
     """
     try:
-        return _toml(value)
+        return to_value(value)
     except (TypeError, ValueError):
         raise ConfigError(one_line(f"{key}: got {show(value)}; TOML has no such value")) from None
-
-
-def _toml(value: Any) -> str:
-    """Return a value in TOML on one line: JSON, except for tables."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{json.dumps(k)} = {_toml(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(fspath(value) if isinstance(value, PathLike) else value, default=_number)
-
-
-def _number(value: Any) -> float:
-    """Return a number that JSON doesn't know, such as NumPy's, as one of Python."""
-    return int(value) if isinstance(value, Integral) else float(value)

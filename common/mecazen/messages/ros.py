@@ -226,10 +226,10 @@ def finite_scan(fields: dict[str, Any]) -> dict[str, Any]:
 
     Intensities are left out, since theirs may be infinite too.
     """
-    least, most = fields.get("range_min"), fields.get("range_max")
-    ranges = fields.get("ranges")
-    is_scan = isinstance(ranges, list | tuple) and isinstance(most, float | int)
-    if not is_scan or not isinstance(least, float | int):
+    ranges, least, most = (fields.get(name) for name in ("ranges", "range_min", "range_max"))
+    if not isinstance(ranges, list | tuple):
+        return fields
+    if not isinstance(least, float | int) or not isinstance(most, float | int):
         return fields
 
     def finite(value: Any) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ import typer
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.explain import one_line
+from mecazen.files import to_value
 from mecazen.loading import scenario_path, to_toml
 from mecazen.runtime import __main__ as runtime
 from rich.console import Console
@@ -174,8 +174,8 @@ def simulate_command(
     path = scenario_path(scenario)
     loaded = load(scenario, overrides)
     if record is not None:
-        overrides.append(f"services={json.dumps([*loaded.services, RECORDER])}")
-        overrides.append(f"{RECORDER}.file={json.dumps(record)}")
+        overrides.append(f"services={to_value([*loaded.services, RECORDER])}")
+        overrides.append(f"{RECORDER}.file={to_value(record)}")
         loaded = load(scenario, overrides)
     _refuse_unwritable(trajectory, plot)
     if distributed:

@@ -15,6 +15,7 @@ from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import TOPICS, resolve, topic_of
 from mecazen.limits import refuse_implausible
+from mecazen.messages import Message
 from mecazen.plan import compile_plan
 from mecazen.programs import graph_of
 from mecazen.text import printable, unknown_fields
@@ -205,7 +206,7 @@ def pub(
             refuse_implausible(topic.key, read)
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
-    if isinstance(read, msgspec.Struct):
+    if isinstance(read, Message):
         given = msgspec.json.decode(payload)
         for problem in unknown_fields(given.get(STAMPED.get(type(read)), given), read):
             _warn(f"{key}: {problem}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import shlex
@@ -26,6 +25,7 @@ from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
 from mecazen.config.viewer import ViewerConfig
 from mecazen.errors import BusError, ConfigError
+from mecazen.files import to_value
 from mecazen.graph import GRAPH, OBSERVERS, WORLDS, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
@@ -97,7 +97,7 @@ def up(
     loaded = load_scenario(path, overrides)
     if processes == 1:
         group = [part for part in loaded.services if part not in OBSERVERS]
-        overrides = (*overrides, f"processes={json.dumps([group])}")
+        overrides = (*overrides, f"processes={to_value([group])}")
     shares_router = _shares_router(loaded.bus)
     moved = _moved_ports(loaded, shares_router=shares_router)
     overrides = (*overrides, *moved)
