@@ -86,6 +86,21 @@ def _unit(trail: list[str], value: Any, node: mi.Type) -> str:
     return ""
 
 
+def fields_of_choice(kind: type[Section], path: list[str], tag: object) -> set[str]:
+    """Return the keys of the choice `tag` of the table at a path; empty if it has no choices."""
+    node: mi.Type = mi.type_info(kind)
+    for name in path:
+        if isinstance(node, mi.VarTupleType):
+            node = _choose(node.item_type, None)  # the name of an item
+        else:
+            node = _choose(_fields(node).get(name, node), None)
+    choices = node.types if isinstance(node, mi.UnionType) else ()
+    for choice in choices:
+        if isinstance(choice, mi.StructType) and choice.tag == tag:
+            return {*_fields(choice)}
+    return set()
+
+
 def one_line(text: str) -> str:
     """Return a text with line ends and control characters escaped."""
     return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]", lambda match: repr(match[0])[1:-1], text)

@@ -16,7 +16,7 @@ from mecazen.config import BusConfig, Scenario, with_guard
 from mecazen.config.scenario import NO_KEYS, scenario_with
 from mecazen.config.sensor import features
 from mecazen.errors import ConfigError, UntrustedError
-from mecazen.explain import explain, one_line, show
+from mecazen.explain import explain, fields_of_choice, one_line, show
 from mecazen.files import parse_toml, parse_value, read_toml
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, TABLE
 from mecazen.occupancy import take_map
@@ -119,7 +119,8 @@ def from_tables(
         if (file := _read_part(part, raw, origin)) is not None:
             changes = (*origin.changes, *file[1])
             origin = origin._replace(files={**origin.files, part: file[0]}, changes=changes)
-    for key, value in settings.items():
+    # a kind comes first, since it drops keys of another kind from the file
+    for key, value in sorted(settings.items(), key=lambda setting: not _is_kind(setting[0])):
         _override(raw, key, value)
     if isinstance(world := raw.get("world"), dict):
         take_map(world, origin.locate)  # an override may name a map
@@ -358,7 +359,10 @@ def _parse_override(override: str) -> tuple[str, Any]:
     key = key.strip()
     if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
         raise ConfigError(one_line(f"--set {override}: must be key.path=value"))
-    return key, parse_value(text)
+    try:
+        return key, parse_value(text)
+    except ConfigError as error:
+        raise ConfigError(f"--set {key}: {error}") from None
 
 
 def _strings(value: Any) -> tuple[str, ...]:
@@ -381,7 +385,15 @@ def _override(raw: dict[str, Any], key: str, value: Any) -> None:
         if not isinstance(table, dict):
             raise ConfigError(f"--set {key}: {here} is not a table")
         raw = table
+    if _is_kind(key) and (fields := fields_of_choice(Scenario, tables, value)):
+        for name in raw.keys() - fields:
+            del raw[name]
     raw[last] = value
+
+
+def _is_kind(key: str) -> bool:
+    """Return whether a key selects one of several kinds of a table."""
+    return key.rpartition(".")[2] == "kind"
 
 
 class _Origin(NamedTuple):

@@ -10,7 +10,7 @@ from common.sections import TOY, problem
 from harness import ROOT, SCENARIOS, error_of
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.loading import effective, load_scenario, scenario_path
+from mecazen.loading import effective, load_scenario, scenario_path, to_toml
 from mecazen.robot import Payload
 
 NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
@@ -21,7 +21,6 @@ NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
     [
         ("seeed=1", "seeed: unknown key; did you mean seed? "),
         ("seed=", "seed: got ''; allowed: "),
-        ("seed=[1,", "seed: got '[1,'; allowed: "),
         ("seed=1\nsim.speed=2", r"seed: got '1\nsim.speed=2'; allowed: "),
         (f"seed={'9' * 5000}", "seed: got '999999"),
         ("sim.mode.x=3", "sim.mode.x: sim.mode: got a table; allowed: 'lockstep' or 'real_time'"),
@@ -40,6 +39,11 @@ def test_when_an_override_is_no_assignment_expect_its_form(write_scenario, overr
     text = problem(write_scenario(), override)
     assert text.startswith("--set ")
     assert text.endswith(": must be key.path=value")
+
+
+@pytest.mark.parametrize("value", ["[1,", "{a=1", '"a', "'", "[1] 2"])
+def test_a_broken_value_is_no_string(write_scenario, value):
+    assert problem(write_scenario(), f"seed={value}").startswith(f"--set seed: {value}: not TOML: ")
 
 
 def test_when_an_override_goes_into_a_value_expect_that_it_is_no_table(write_scenario):
@@ -104,6 +108,37 @@ def test_an_override_is_taken_as_toml_and_a_bare_word_as_a_string(
     write_scenario, override, read, expected
 ):
     assert read(load_scenario(write_scenario(), (override,))) == expected
+
+
+@pytest.mark.parametrize(
+    ("scenario", "settings"),
+    [
+        ("back", ("follower.estimator=kf_cv",)),
+        ("back", ("follower.control.x.kp=1", "follower.control.kind=pid")),
+        ("back", ("target.path.kind=standing",)),
+        ("back", ("sensor.kind=legs",)),
+        ("back", ("controller.odometry=ground_truth",)),
+        ("convoy", ("robots.two.follower.control.kind=pid",)),
+    ],
+)
+def test_a_saved_configuration_allows_another_choice(tmp_path, scenario, settings):
+    path = tmp_path / "saved.toml"
+    path.write_text(to_toml(load_scenario(scenario_path(scenario))))
+    loaded = load_scenario(path, settings)
+    key, _, value = settings[-1].partition("=")
+    kept = effective(loaded)
+    for name in key.split("."):
+        kept = {t["name"]: t for t in kept} if isinstance(kept, list) else kept
+        kept = kept[name]
+    assert kept == value
+
+
+def test_another_kind_keeps_common_keys_of_the_file(write_scenario):
+    path = write_scenario("[target.path]\nkind = 'u_track'\nspeed_m_s = 0.7\nlength_m = 4.0\n")
+    loaded = load_scenario(path, ("target.path.kind=circle",)).target.path
+    assert (loaded.speed_m_s, type(loaded).__name__) == (0.7, "Circle")
+    with pytest.raises(ConfigError, match="linear_gain_1_s"):
+        load_scenario(path, ("follower.control.linear_gain_1_s=1", "follower.control.kind=pid"))
 
 
 def test_paths_are_relative_to_the_scenario_wherever_it_is_started(

@@ -29,12 +29,11 @@ def test_what_of_the_control_is_not_given_keeps_its_default():
 
 
 @pytest.mark.parametrize("kind", ["pid", "polar"])
-def test_effective_configuration_has_every_parameter_and_loads_to_the_same(kind):
+def test_effective_configuration_loads_to_the_same(kind):
     params = {"smoothing_s": 2}
     config = load(estimator="kf_displacement", estimator_params=params, control={"kind": kind})
     assert msgspec.to_builtins(config)["control"]["kind"] == kind
-    assert config.estimator_params["smoothing_s"] == 2.0
-    assert "min_speed_m_s" in config.estimator_params
+    assert config.estimator_params == params  # as given, so that another estimator can be chosen
     assert msgspec.convert(msgspec.to_builtins(config), FollowerConfig) == config
 
 

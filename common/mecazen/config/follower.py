@@ -134,9 +134,7 @@ class FollowerConfig(Section):
                 f"lost_after_s = {self.lost_after_s:g} must be above "
                 f"coast_after_s = {self.coast_after_s:g}"
             )
-        params = make_params(self.estimator, self.estimator_params)
-        # frozen, but not yet visible to anyone
-        msgspec.structs.force_setattr(self, "estimator_params", msgspec.to_builtins(params))
+        make_params(self.estimator, self.estimator_params)
 
     @property
     def standoff(self) -> Standoff:
