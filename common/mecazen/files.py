@@ -131,8 +131,10 @@ def to_value(value: Any) -> str:
         return f"[{', '.join(map(to_value, value))}]"
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
-    elif isinstance(value, Integral) and not isinstance(value, bool):
+    elif isinstance(value, bool):
+        return str(value).lower()
+    elif isinstance(value, Integral):
         value = int(value)  # of NumPy
-    elif isinstance(value, Real) and not isinstance(value, bool):
+    elif isinstance(value, Real):
         value = float(value)
     return tomli_w.dumps({"value": value}).removeprefix("value = ").removesuffix("\n")
