@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 
+from mecazen.config import WorldConfig
 from mecazen.config import people as config
-from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.config.world import Box
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D, Twist2D, rotate, to_rectangle
 
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
 from mecazen_people.motion import Motion, Path
 from mecazen_people.recorded import RecordedMotion, read_track
 from mecazen_people.script import Script
+
+STEP_M, LONGEST_STEP_S = 0.02, 0.1
+"""Distance between checked positions of a path, and the longest time between them [s]."""
 
 
 class SteadyWalk:
@@ -67,6 +73,30 @@ def make_path(path: config.Walk) -> Path:
         case _:
             walk = SteadyWalk(_curve(path), path.speed_m_s)
             return Placed(walk, start, path.start_after_s)
+
+
+def check_path(path: Path, world: WorldConfig, height: float, until: float) -> None:
+    """Refuse a path that crosses an obstacle before the time `until` [s].
+
+    The middle of a person of `height` [m] must stay outside of all obstacles.
+    """
+    solids = [one for one in world.solids if not (isinstance(one, Box) and one.bottom_m >= height)]
+    t, end = 0.0, min(path.duration, until)
+    while solids and t <= end:
+        pose, twist, _ = path.at(t)
+        for solid in solids:
+            x, y = solid.position_m
+            if isinstance(solid, Box):
+                at = Pose2D(x, y, math.radians(solid.yaw_deg)).between(pose)
+                gap = to_rectangle(at.x, at.y, (solid.size_m[0] / 2, solid.size_m[1] / 2))
+            else:
+                gap = math.hypot(pose.x - x, pose.y - y) - solid.size_m[0]
+            if gap < 0.0:
+                kind = "box" if isinstance(solid, Box) else "cylinder"
+                raise ConfigError(
+                    f"crosses the {kind} at [{x:g}, {y:g}] after {t:.1f} s; move one of them"
+                )
+        t += min(LONGEST_STEP_S, STEP_M / max(math.hypot(twist.x, twist.y), 1e-6))
 
 
 def _curve(

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from harness import SCENARIOS
+from harness import SCENARIOS, error_of
 from mecazen import Simulation
 from mecazen.config.people import FASTEST_M_S
 from mecazen.description import ask_description
@@ -241,3 +241,35 @@ def test_a_robot_that_a_node_drives_is_not_commanded():
 
 def test_the_examples_in_the_docstrings_are_true():
     assert doctest.testmod(simulation).failed == 0
+
+
+BOX = {"kind": "box", "size_m": [0.4, 0.4, 0.8], "position_m": [2.5, 0.0]}
+WALK = {"kind": "straight", "speed_m_s": 0.8, "y_m": 0.3, "yaw_deg": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        # the face at 2.3 m is reached at 0.2 m/s, 1 s after the start; checked each 2 cm
+        ({"duration_s": 13.0}, "target.path: crosses the box at [2.5, 0] after 12.6 s; "),
+        ({"duration_s": 12.0}, ""),  # the run ends before
+        ({"world.obstacles": [{**BOX, "bottom_m": 1.8}]}, ""),  # above the head
+        (
+            {"world.obstacles": [{"kind": "cylinder", "size_m": [0.2, 1.0], "position_m": [3, 0]}]},
+            "target.path: crosses the cylinder at [3, 0] after ",
+        ),
+        (
+            {"target.path": {"kind": "standing"}, "crowd.walkers": [{"path": WALK | {"y_m": 0.1}}]},
+            "crowd.walkers.0.path: crosses the box at [2.5, 0] after 2.9 s; ",
+        ),
+        ({"target.path": {"kind": "standing"}, "crowd.walkers": [{"path": WALK}]}, ""),
+    ],
+    ids=["box", "later", "above", "cylinder", "walker", "beside"],
+)
+def test_a_path_through_an_obstacle_is_refused(settings, reason):
+    settings = {"duration_s": 20.0, "world.obstacles": [BOX], **settings}
+    if not reason:
+        Simulation("back", **settings).close()
+        return
+    said = error_of(ConfigError, lambda: Simulation("back", **settings))
+    assert said.startswith(reason)

@@ -18,7 +18,7 @@ from mecazen_people.manners.choice import make_walkers
 from mecazen_people.manners.helbing import drawn
 from mecazen_people.manners.walking import Errand, Other, Outline, Walkers
 from mecazen_people.motion import Motion, Path
-from mecazen_people.paths import make_path
+from mecazen_people.paths import check_path, make_path
 
 ROBOT_MARGIN_M = 0.1
 """People keep farther from a robot's corners than from each other."""
@@ -37,7 +37,7 @@ class CrowdNode(Node):
         self.period = scenario.ticks_per("sensors.skeleton_rate_hz")
         if any(name.startswith("walker_") for name in scenario.names):
             raise ConfigError("robots: names that begin with walker_ are those of the crowd")
-        self.paths = [_path(number, one) for number, one in enumerate(config.walkers)]
+        self.paths = [_path(scenario, number, one) for number, one in enumerate(config.walkers)]
         self.errands = [Errand.of(one.path) for one in config.walkers if isinstance(one.path, Goal)]
         bodies = [one.body for one in config.walkers]
         if config.reactive is not None:
@@ -131,12 +131,16 @@ class CrowdNode(Node):
         return {"walkers": len(self.paths)}
 
 
-def _path(number: int, walker: Walker) -> Path | None:
+def _path(scenario: Scenario, number: int, walker: Walker) -> Path | None:
     """Return the path of a walker; None if the walker reacts to others."""
+    if isinstance(walker.path, Goal):
+        return None
     try:
-        return None if isinstance(walker.path, Goal) else make_path(walker.path)
+        path = make_path(walker.path)
+        check_path(path, scenario.world, walker.body.height_m, scenario.sim.duration_s)
     except ConfigError as error:
         raise ConfigError(f"crowd.walkers.{number}.path: {error}") from None
+    return path
 
 
 def _motion(odometry: m.Odometry) -> Motion:

@@ -25,7 +25,7 @@ from mecazen_people.body.walker import Walker
 from mecazen_people.manners.choice import make_walkers
 from mecazen_people.manners.walking import Errand, Other, Outline, Walkers
 from mecazen_people.motion import Driven, Motion, with_gait
-from mecazen_people.paths import make_path, start_pose
+from mecazen_people.paths import check_path, make_path, start_pose
 
 from mecazen_target.sensor import Frame, Sensor, latency_ticks
 
@@ -44,6 +44,9 @@ class TargetNode(Node):
         path = self.config.path
         try:
             self.path = None if isinstance(path, people.Driven | people.Goal) else make_path(path)
+            if self.path is not None:
+                height, until = self.config.body.height_m, scenario.sim.duration_s
+                check_path(self.path, scenario.world, height, until)
         except ConfigError as error:
             raise ConfigError(f"target.path: {error}") from None
         # both raise an error if a period is not a multiple of the tick
