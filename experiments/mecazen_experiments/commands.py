@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import typer
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import ConfigError, MecazenError, explained
 from mecazen.loading import load_table, named_file
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
@@ -120,26 +120,32 @@ def run(
         raise ConfigError(f"--figures: there are none of kind = {loaded[0][0].kind!r}")
     if export is not None and kind.export is None:
         raise ConfigError(f"--export: there is nothing of kind = {loaded[0][0].kind!r}")
+    if missing := [case for case in kind.cases if case not in {one.row for one in todo}]:
+        raise ConfigError(f"kind = {loaded[0][0].kind!r} needs a case named {missing[0]!r}")
     with _session(options, "runs") as session:
         records = session.run(kind, todo)
         rows = [report.summarise(kind, one, records) for one in todo]
         rows = report.relate(kind, rows, todo)
-        written: list[Path] = []
-        if films is not None:
-            record = partial(film, folder=films.resolve())
-            first = [one.jobs[0] for one in todo]
-            written += [file for _, file in do_all(record, first, session.workers)]
-        if export is not None and kind.export is not None:
-            into = partial(kind.export, export.resolve())
-            exported = do_all(into, [one.jobs[0] for one in todo], session.workers)
-            written += [file for _, files_of in exported for file in files_of]
-        if figures is not None and kind.draw is not None:
-            written += kind.draw(figures, todo, rows, partial(do_all, workers=session.workers))
-    _write(options, {"rows": rows}, kind.tables(rows))
-    if verbose:
-        walked = (report.summarise_walks(kind, one, records) for one in todo)
-        rows = [row for one, more in zip(rows, walked, strict=True) for row in (one, *more)]
-    console(WIDTH).print(*kind.tables(rows), sep="\n")
+        with _reporting(options, {"rows": rows}):
+            _write(options, {"rows": rows}, kind.tables(rows))
+            shown = rows
+            if verbose:
+                walked = (report.summarise_walks(kind, one, records) for one in todo)
+                each = zip(rows, walked, strict=True)
+                shown = [row for one, more in each for row in (one, *more)]
+            tables = kind.tables(shown)
+            written: list[Path] = []
+            if films is not None:
+                record = partial(film, folder=films.resolve())
+                first = [one.jobs[0] for one in todo]
+                written += [file for _, file in do_all(record, first, session.workers)]
+            if export is not None and kind.export is not None:
+                into = partial(kind.export, export.resolve())
+                exported = do_all(into, [one.jobs[0] for one in todo], session.workers)
+                written += [file for _, files_of in exported for file in files_of]
+            if figures is not None and kind.draw is not None:
+                written += kind.draw(figures, todo, rows, partial(do_all, workers=session.workers))
+    console(WIDTH).print(*tables, sep="\n")
     for file in written:
         typer.echo(file)
 
@@ -150,9 +156,11 @@ def tune(options: Options, file: str) -> None:
     with _session(options, "trials") as session:
         do = partial(run_all, FOLLOWING, store=session.store, workers=session.workers)
         best = search.tune(tuning, do, session.progress)
-    tables = search.table(best), *FOLLOWING.tables(best.rows)
-    _write(options, msgspec.structs.asdict(best), tables)
-    console(WIDTH).print(*tables, sep="\n")
+    result = msgspec.structs.asdict(best)
+    with _reporting(options, result):
+        tables = search.table(best), *FOLLOWING.tables(best.rows)
+        _write(options, result, tables)
+        console(WIDTH).print(*tables, sep="\n")
 
 
 def budget(options: Options, file: str, runs: int | None, walks: Path | None) -> None:
@@ -162,11 +170,12 @@ def budget(options: Options, file: str, runs: int | None, walks: Path | None) ->
     with _session(options, "runs") as session:
         both = session.rows(FOLLOWING, [*todo, *oracle])
         bounds = session.rows(budgets.BOUND, todo)
-    parts = zip(both[: len(todo)], both[len(todo) :], bounds, strict=True)
-    rows = [budgets.budget(*of_case) for of_case in parts]
-    shown = table(["case"], budgets.COLUMNS, rows)
-    _write(options, {"rows": rows}, [shown])
-    console(WIDTH).print(shown)
+    with _reporting(options, {"rows": [*both, *bounds]}):
+        parts = zip(both[: len(todo)], both[len(todo) :], bounds, strict=True)
+        rows = [budgets.budget(*of_case) for of_case in parts]
+        shown = table(["case"], budgets.COLUMNS, rows)
+        _write(options, {"rows": rows}, [shown])
+        console(WIDTH).print(shown)
 
 
 def fuzz(
@@ -197,7 +206,7 @@ def fuzz(
             typer.echo(fuzzing.tell(done))
     _write(options, {"minutes": done})
     if any(one.scores.contacts for one in done):
-        raise MecazenError("the robot has touched something")
+        raise MecazenError("the robot has caused a contact")
 
 
 def followbench(
@@ -235,14 +244,16 @@ def followbench(
     written: list[Path] = []
     with _session(options, "episodes") as session:
         rows = session.rows(kind, todo)
-        if figures is not None:
-            written += bench.draw(figures, rows)
-        if films is not None:
-            record = partial(bench.film_of, films)
-            worst = [bench.worst(*one) for one in zip(todo, rows, strict=True)]
-            written += [file for _, file in do_all(record, worst, session.workers)]
-    _write(options, {"rows": rows}, kind.tables(rows))
-    console(WIDTH).print(*kind.tables(rows), sep="\n")
+        with _reporting(options, {"rows": rows}):
+            tables = kind.tables(rows)
+            _write(options, {"rows": rows}, tables)
+            if figures is not None:
+                written += bench.draw(figures, rows)
+            if films is not None:
+                record = partial(bench.film_of, films)
+                worst = [bench.worst(*one) for one in zip(todo, rows, strict=True)]
+                written += [file for _, file in do_all(record, worst, session.workers)]
+    console(WIDTH).print(*tables, sep="\n")
     for file in written:
         typer.echo(file)
 
@@ -309,6 +320,18 @@ def _session(options: Options, what: str) -> Iterator[Session]:
             err=True,
         )
         raise typer.Exit(INTERRUPTED) from None
+
+
+@contextmanager
+def _reporting(options: Options, result: Mapping[str, object]) -> Iterator[None]:
+    """Write a result before its report; a failure of the report names the place of the result."""
+    _write(options, result)
+    try:
+        yield
+    except Exception as error:
+        why = error if isinstance(error, MecazenError) else explained(error)
+        files_of = " and ".join(str(file) for file in (options.store, options.json) if file)
+        raise MecazenError(f"no report: {why}; the results are in {files_of}") from error
 
 
 def _workers(options: Options) -> AbstractContextManager[Workers]:

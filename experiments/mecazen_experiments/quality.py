@@ -43,7 +43,7 @@ class Quality(msgspec.Struct, frozen=True):
     """Gait by events in the filtered joints, from which variability is taken."""
     observed: Gait | None
     """Gait by events in the refined joints."""
-    event_errors_s: tuple[float, float] | None
+    event_errors_s: tuple[float | None, float | None] | None
     """Mean errors of strikes and of offs in the refined joints."""
     knee_flexion_deg: dict[str, dict[str, float]]
     """The largest flexion of each side's knee, `true` and `found` in the refined joints."""
@@ -81,7 +81,8 @@ def quality(found: Capture, wanted: Standoff) -> tuple[Quality, Curves]:
     truth = angles(true.joints)
     of = {stage: None if joints is None else angles(joints) for stage, joints in stages.items()}
     errors = {
-        stage: None if each is None else (each - truth)[seen.reported] for stage, each in of.items()
+        stage: None if each is None or not seen.reported.any() else (each - truth)[seen.reported]
+        for stage, each in of.items()
     }
     following = score(found.table, wanted).whole
     shares = (seen.confidence == SEEN).mean(axis=0).tolist()
@@ -162,7 +163,7 @@ def numbers(of: Quality) -> dict[str, float | None]:
             values["stride_time_sd_err_ms"] = 1e3 * (spreads[0] - spreads[1])  # type: ignore[operator]
     if of.event_errors_s is not None:
         for name, seconds in zip(("strike", "off"), of.event_errors_s, strict=True):
-            values[f"{name}_err_ms"] = 1e3 * seconds
+            values[f"{name}_err_ms"] = None if seconds is None else 1e3 * seconds
     for name, knees in of.knee_flexion_deg.items():
         values |= {f"{name}_{side}_knee_deg": knees[side] for side in SIDES}
     for joint in (*MEASURED, "heel", "foot"):
@@ -170,7 +171,7 @@ def numbers(of: Quality) -> dict[str, float | None]:
     return values
 
 
-def _event_errors(found: Stage | None, true: Stage) -> tuple[float, float] | None:
+def _event_errors(found: Stage | None, true: Stage) -> tuple[float | None, float | None] | None:
     """Return the mean errors of strikes and offs [s]."""
     if found is None or found.events is None or true.events is None:
         return None
@@ -188,6 +189,7 @@ def _knee_flexion(angles: Floats) -> dict[str, float]:
     return {side: float(angles[:, ANGLES.index(f"{side}_knee")].max()) for side in SIDES}
 
 
-def _jitter_mm(joints: Floats) -> float:
-    changes = np.diff(joints, n=2, axis=0)
-    return 1e3 * math.sqrt(np.nanmean((changes**2).sum(axis=-1)))
+def _jitter_mm(joints: Floats) -> float | None:
+    squares = (np.diff(joints, n=2, axis=0) ** 2).sum(axis=-1)
+    known = squares[~np.isnan(squares)]
+    return 1e3 * math.sqrt(known.mean()) if known.size else None

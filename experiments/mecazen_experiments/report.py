@@ -115,6 +115,8 @@ class Kind(NamedTuple, Generic[T]):
     """Scores of which the minimum over runs is shown."""
     successes: Sequence[str] = ()
     """Scores that are 0 or 100 in a run, whose mean is a share of successes [%]."""
+    cases: Sequence[str] = ()
+    """Names of the cases that the tables need."""
 
 
 def summarise(kind: Kind[T], series: Series, records: Mapping[Key, Record[T]]) -> Row[T]:

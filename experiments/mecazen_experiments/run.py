@@ -11,8 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import msgspec
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import to_value
 from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
 from mecazen.loading import load_scenario
@@ -87,7 +88,12 @@ def record(kind: Kind[T], job: Job) -> Record[T]:
     # not getrusage: its maximum includes the memory of the parent process
     found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
     assert found is not None
-    return kind.record(job.key, sha256, scores, wall_s, int(found[1]) * 1024 / 1e6)
+    result = kind.record(job.key, sha256, scores, wall_s, int(found[1]) * 1024 / 1e6)
+    try:
+        # as a later command reads it: NaN and infinity are null in JSON, which is None
+        return msgspec.json.decode(msgspec.json.encode(result), type=kind.record)
+    except msgspec.ValidationError as error:
+        raise MecazenError(f"a score that can't be missing is not finite: {error}") from None
 
 
 def tabulate(job: Job) -> Table:

@@ -90,7 +90,7 @@ def test_errors_that_explain_themselves_pass(error):
 @pytest.mark.parametrize(
     ("outputs", "expected"),
     [
-        (None, "mine: step must return messages by their topics, not None"),
+        ("stop", "mine: step must return a mapping of topics to messages, got str"),
         ({keys.FOLLOWER_STATE: m.FollowerState()}, "mine gives follower/state, which is not"),
         ({"cmd_vel": m.Twist()}, "mine: step returns 'cmd_vel', which is no topic"),
         ({keys.CMD_VEL: m.Odometry()}, "mine: step returns cmd_vel as Odometry; it must be Twist"),

@@ -10,6 +10,8 @@ from typing import Any
 import msgspec
 import pytest
 from distributed import LocalCluster
+from mecazen.errors import ConfigError, MecazenError
+from mecazen_experiments import commands
 
 STANDING = """
 import os, signal
@@ -94,7 +96,7 @@ def test_one_process_and_two_give_the_same_rows(folder):
     assert len(outputs) == 1
     report = msgspec.json.decode((folder.path / "1.json").read_bytes())
     (table,) = report["tables"]
-    assert table["head"][:2] == ["case", "runs"]
+    assert table["head"][:2] == ["case", "n"]
     assert table["rows"][0][0] == report["rows"][0]["name"]
     d_err_m = report["rows"][0]["means"]["d_err_m"]
     assert d_err_m["low"] <= d_err_m["mean"] <= d_err_m["high"]
@@ -122,6 +124,27 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(held, undisturbed, job
     after = stored(held.path / "experiments.sqlite")
     assert before.items() <= after.items()  # with the wall time of then: not done again
     assert held.runs("out.json") == undisturbed
+
+
+def test_a_report_that_fails_names_its_results_and_keeps_them(tmp_path):
+    file = tmp_path / "out.json"
+    options = commands.Options(1, None, tmp_path / "store.sqlite", file)
+    for failure, why in ((ConfigError("no frames"), "no frames"), (KeyError("nees"), "KeyError")):
+        expected = f"^no report: {why}.*; the results are in .*store.sqlite and {file}$"
+        with (
+            pytest.raises(MecazenError, match=expected),
+            commands._reporting(options, {"rows": [1]}),
+        ):
+            raise failure
+        assert msgspec.json.decode(file.read_bytes())["rows"] == [1]
+
+
+def test_a_case_that_a_table_needs_is_missed_before_the_runs(folder):
+    experiment = (folder.path / "short_experiment.toml").read_text()
+    folder.write("paper.toml", f'kind = "paper"\n{experiment}')
+    _, errors = folder.mecazen("run", "paper.toml", "--jobs", 1, code=2)
+    assert errors == "error: kind = 'paper' needs a case named 'back without'"
+    assert not (folder.path / "experiments.sqlite").exists()
 
 
 def blocks_ctrl_c(pid: str) -> bool:

@@ -135,6 +135,12 @@ def test_events_of_the_simulated_person_are_near_those_of_their_planted_feet(spe
     assert max(map(abs, events.less(truth))) < 0.025
 
 
+def test_without_an_event_there_is_no_mean_delay():
+    none, some = np.empty(0), np.array([1.0])
+    found = Events((none, none), (some, some)).less(Events((some, some), (some, some)))
+    assert found == (None, 0.0)
+
+
 def test_a_limp_is_found_in_its_steps_and_stances():
     limp = Limp(side="right", stance_asymmetry=0.08, step_asymmetry=0.2)
     t, joints, _ = person(0.8, rate_hz=50.0, body=Body(limp=limp))

@@ -63,3 +63,10 @@ def test_a_person_who_stands_has_no_gait(walk):
     still = np.broadcast_to(joints[0], joints.shape)
     with pytest.raises(ConfigError, match="nobody takes two strides"):
         quality(captured(still, still, t, phases), BACK)
+
+
+def test_a_walk_that_no_frame_shows_has_no_scores_instead_of_nan(walk):
+    t, joints, phases = walk
+    found = numbers(quality(captured(np.full_like(joints, np.nan), joints, t, phases), BACK)[0])
+    assert not {"raw_knee_deg", "refined_knee_deg", "strike_err_ms"} & found.keys()
+    assert found["raw_jitter_mm"] is None

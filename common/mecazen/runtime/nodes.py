@@ -28,6 +28,14 @@ def explaining(name: str) -> Iterator[None]:
         raise NodeError(f"{name}: {explained(error)}") from error
 
 
+def mapping(name: str, outputs: Outputs) -> Outputs:
+    """Return the outputs of a user node's step; raise NodeError if they are no mapping."""
+    if not isinstance(outputs, Mapping):
+        kind = type(outputs).__name__
+        raise NodeError(f"{name}: step must return a mapping of topics to messages, got {kind}")
+    return outputs
+
+
 class Hosted:
     """A node in its process; errors of a user node are explained, and its outputs checked."""
 
@@ -151,11 +159,7 @@ class OwnSteps(CheckedSteps):
             NodeError: The node failed, or its outputs do not match its row.
         """
         with explaining(self._name):
-            outputs = self._steps.step(tick, inputs)
-        if not isinstance(outputs, Mapping):
-            raise NodeError(
-                f"{self._name}: step must return messages by their topics, not {outputs!r:.80}"
-            )
+            outputs = mapping(self._name, self._steps.step(tick, inputs))
         for topic, message in outputs.items():
             if not isinstance(topic, Topic):
                 raise NodeError(f"{self._name}: step returns {topic!r:.80}, which is no topic")

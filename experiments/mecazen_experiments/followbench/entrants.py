@@ -15,6 +15,7 @@ from mecazen.keys import CMD_VEL, ODOM, PEOPLE, SCAN, Topic
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import imported
+from mecazen.runtime.nodes import mapping
 from mecazen.wire import NS_PER_S
 from mecazen_people.manners.walking import STEP_S
 
@@ -50,7 +51,8 @@ class NodePlanner:
             PEOPLE: _people(tick, view),
             SCAN: _scan(tick, view),
         }
-        command = self._node.step(tick, Inputs(samples, now_ns=tick.time_ns)).get(CMD_VEL)
+        outputs = self._node.step(tick, Inputs(samples, now_ns=tick.time_ns))
+        command = mapping("follower", outputs).get(CMD_VEL)
         if isinstance(command, m.Twist):
             self._twist = command.to_planar()
         return self._twist.x, self._twist.yaw

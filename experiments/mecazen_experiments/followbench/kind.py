@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import nullcontext
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -12,6 +13,7 @@ import msgspec
 from mecazen.errors import ConfigError
 from mecazen.files import read_bytes
 from mecazen.portable import Floats
+from mecazen.runtime.nodes import explaining
 from rich.table import Table
 
 from mecazen_experiments.config import Case
@@ -27,6 +29,7 @@ from mecazen_experiments.followbench.generate import (
 from mecazen_experiments.followbench.metrics import SUCCESSES, Metrics, compare, measure
 from mecazen_experiments.followbench.own import COLUMNS as OWN_COLUMNS
 from mecazen_experiments.followbench.own import OwnRun, own_run
+from mecazen_experiments.followbench.planners import PLANNERS
 from mecazen_experiments.followbench.play import Record as Played
 from mecazen_experiments.followbench.play import play
 from mecazen_experiments.followbench.scenario import scenario_of
@@ -182,7 +185,8 @@ def _episode(job: Job) -> tuple[str, Episode]:
 def _played(job: Job) -> tuple[Episode, Played]:
     """Play the episode of a job."""
     follower, episode = _episode(job)
-    return episode, play(episode, entrant(follower)(), job.key.seed)
+    with nullcontext() if follower in PLANNERS else explaining(follower):
+        return episode, play(episode, entrant(follower)(), job.key.seed)
 
 
 def _measure(job: Job) -> tuple[Metrics, str]:

@@ -49,16 +49,16 @@ class Events(NamedTuple):
         (a, b), (c, d) = self
         return Events((of(a), of(b)), (of(c), of(d)))
 
-    def less(self, others: Events) -> tuple[float, float]:
+    def less(self, others: Events) -> tuple[float | None, float | None]:
         """Return the mean delays of strikes and of offs after the nearest events of others [s].
 
-        Events that are more than 0.2 s from any other count as missed.
+        Events that are more than 0.2 s from any other count as missed; None without any.
         """
         strikes, offs = (
             np.concatenate([_differences(*both) for both in zip(mine, theirs, strict=True)])
             for mine, theirs in zip(self, others, strict=True)
         )
-        return float(strikes.mean()), float(offs.mean())
+        return tuple(float(of.mean()) if len(of) else None for of in (strikes, offs))  # type: ignore[return-value]
 
 
 class Cycle(NamedTuple):

@@ -6,10 +6,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen_experiments.followbench.entrants import entrant, observation
 from mecazen_experiments.followbench.episodes import Density
 from mecazen_experiments.followbench.generate import generate
+from mecazen_experiments.followbench.kind import FOLLOWBENCH, drawn
 from mecazen_experiments.followbench.play import World, play
 
 FULL_SPEED = """
@@ -88,3 +89,26 @@ def test_an_unseen_target_is_zeros_in_the_observation_of_a_policy():
     assert shown[4] == 1.0
     assert not hidden[4:34].any()
     assert np.array_equal(shown[34:], hidden[34:])
+
+
+@pytest.mark.parametrize(
+    ("program", "error"),
+    [
+        (
+            "from mecazen.node import Node\nclass Mine(Node):\n"
+            "    def reset(self, seed):\n        pass\n"
+            "    def step(self, tick, inputs):\n        return 'stop'\n",
+            "follower: step must return a mapping of topics to messages, got str",
+        ),
+        (
+            "class Mine:\n    def reset(self, seed):\n        pass\n"
+            "    def command(self, view):\n        return 1 / 0\n",
+            r"mine\.py:Mine: ZeroDivisionError: .*mine\.py:5 command",
+        ),
+    ],
+)
+def test_a_fault_of_an_entrant_is_one_line(tmp_path, program, error):
+    (tmp_path / "mine.py").write_text(program)
+    (series,) = drawn([f"{tmp_path / 'mine.py'}:Mine"], [1], ["uTurn"])[:1]
+    with pytest.raises(MecazenError, match=error):
+        FOLLOWBENCH.measure(series.jobs[0])
