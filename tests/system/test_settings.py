@@ -50,9 +50,13 @@ ABSENT = {
     "crowd.": "needs a longer walk: tests/crowd",
     "target.path<recorded>": "needs a file: tests/people",
     "target.path<driven>": "needs a command: tests/target",
+    "target.path<goal>.back_and_forth": "acts at the goal: tests/people",
+    "target.path<goal>.keeps_m": "needs other pedestrians: tests/people",
+    "target.path<goal>.via_m": "has no default: tests/people",
+    "target.path<goal>.within_m": "acts at a way-point: tests/people",
     "target.path<script>.yaw_acceleration_deg_s2": "needs a turn of the body: tests/people",
     "target.body": "needs sensors of bodies: tests/people",
-    "sensors.": "needs lidar and cameras: tests/sensors",
+    "sensors.": "needs lidar and cameras, 1 min: tests/sensors",
     "world.": "needs contacts or a lidar: tests/physics and tests/sensors",
 }
 """Beginnings of the keys of settings that no context covers, with the reason or their tests."""
