@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from mecazen.messages import LaserScan
-from mecazen.scan import STRIDE_M, Things, by_person, clusters, hits
+from mecazen.scan import STRIDE_M, Things, by_person, clusters, hits, ranges_of
 
 BEAMS = 360
 NOTHING = 13.0
@@ -52,3 +52,17 @@ def test_the_nearest_legs_are_one_persons_and_two_that_stand_together_another():
     places = [(0.0, 0.0), (0.3, 0.0), (0.5, 0.0), (3.0, 0.0), (3.0, 1.1 * STRIDE_M)]
     legs = np.array([True, True, True, False, True])
     assert by_person(places, legs, ~legs) == [[3], [2, 1], [0], [4]]
+
+
+# No return: rplidar sends inf, which becomes range_max + 1; ydlidar 0; null and NaN become 0.
+@pytest.mark.parametrize(
+    ("ranges", "expected"),
+    [
+        ([0.0, 0.0, 0.5, 0.02], [math.inf, math.inf, 0.5, 0.02]),  # 0 is no return
+        ([0.0, 13.0, 0.5, 40.0], [math.nan, math.inf, 0.5, math.inf]),  # range_max + 1 is
+        ([0.0, math.nan], [math.nan, math.nan]),  # covered: nothing is known
+    ],
+)
+def test_a_scan_shows_what_no_return_looks_like(ranges, expected):
+    scan = LaserScan(range_min=0.05, range_max=12.0, ranges=tuple(ranges))
+    assert ranges_of(scan).tolist() == pytest.approx(expected, nan_ok=True)

@@ -97,6 +97,14 @@ def test_many_beams_without_a_measurement_in_a_row_are_something_near(around):
     assert (x, y) == pytest.approx((-0.1 + LIDAR.min_range_m, 0.0), abs=0.01)
 
 
+def test_a_lidar_that_sends_0_for_no_return_is_not_blind(around):
+    ranges = [r if r < NO_RETURN else 0.0 for r in discs((1.0, 0.0))]  # nearly all, as outdoors
+    seen = scan(ranges)
+    assert around.implausible(seen, 0.0) == ""
+    around.update(seen, Pose2D())
+    assert around.seen_from(Pose2D()).xy[:, 0].min() > 0.5  # the disc alone, and no ghosts
+
+
 @pytest.mark.parametrize(
     ("given", "now", "said"),
     [

@@ -11,7 +11,17 @@ from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import Floats, between, compose, rotate
 from mecazen.messages import LaserScan
-from mecazen.scan import BOTH_LEGS_M, LEG_M, Flags, Indices, Things, by_person, clusters, hits
+from mecazen.scan import (
+    BOTH_LEGS_M,
+    LEG_M,
+    Flags,
+    Indices,
+    Things,
+    by_person,
+    clusters,
+    hits,
+    ranges_of,
+)
 
 from mecazen_guard.guard import Points
 from mecazen_guard.tracks import STILL_M_S, Track, Tracks
@@ -72,8 +82,7 @@ class Surroundings:
             return f"a scan has {beams} beams instead of {self._lidar.beams}"
         if not math.radians(self._lidar.fov_deg) * 0.99 <= beams * scan.angle_increment <= 7.0:
             return "the beams of a scan are not spread over the field of view"
-        ranges = np.array(scan.ranges)
-        invalid = float(np.mean(~(ranges >= max(scan.range_min, 1e-6))))  # NaN is invalid too
+        invalid = float(np.mean(~(ranges_of(scan) >= scan.range_min)))  # NaN is invalid too
         if invalid > self.config.invalid_share:
             return f"{invalid:.0%} of the beams are invalid"
         return ""
@@ -144,8 +153,8 @@ def _thinned(things: Things) -> tuple[Floats, Indices]:
 
 def _hits(scan: LaserScan) -> tuple[Floats, Indices]:
     """Return the points of a scan in the lidar's frame, and the beam of each point."""
-    ranges: Floats = np.array(scan.ranges)
-    hidden = ranges < scan.range_min
+    ranges = ranges_of(scan)
+    hidden = ~(ranges >= scan.range_min)
     if hidden.any():  # many in a row are not dropouts
         runs = np.all([np.roll(hidden, k) for k in range(HIDDEN_BEAMS)], axis=0)
         hidden = np.any([np.roll(runs, -k) for k in range(HIDDEN_BEAMS)], axis=0)

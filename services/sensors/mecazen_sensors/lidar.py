@@ -59,7 +59,8 @@ class Lidar:
         ranges, hits = scene.cast(origin, directions, CARRIER, config.max_range_m, level=True)
         ranges += config.range_std_m * noise
         ranges = np.minimum(np.rint(ranges * STEPS_PER_M) / STEPS_PER_M, self._farthest)
-        ranges[lost | (ranges < config.min_range_m)] = INVALID
+        ranges = np.maximum(ranges, 1.0 / STEPS_PER_M)  # an object that is too close is not 0
+        ranges[lost] = INVALID
         ranges[hits < 0] = self._no_return
         if any(begin <= time.ns / NS_PER_S <= end for begin, end in config.occlusions_s):
             ranges[:] = INVALID

@@ -10,7 +10,7 @@ from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import Floats, compose
 from mecazen.messages import LaserScan
 from mecazen.portable import arctan2
-from mecazen.scan import BOTH_LEGS_M, Things
+from mecazen.scan import BOTH_LEGS_M, Things, ranges_of
 
 from mecazen_follower.perception.legs import persons, things_of
 from mecazen_follower.planner.movers import Movers
@@ -64,13 +64,13 @@ class Surroundings:
         offsets = self._points - lidar[:2]
         away = np.hypot(offsets[:, 0], offsets[:, 1])
         angles = arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min
-        ranges = np.array(scan.ranges)
+        ranges = ranges_of(scan)
         if not len(ranges) or not scan.angle_increment:
             return np.ones(len(away), bool)
         turn = abs(math.tau / scan.angle_increment)
         beams = np.round((angles / scan.angle_increment) % turn).astype(int) % round(turn)
         seen = ranges[np.minimum(beams, len(ranges) - 1)]
-        hidden: npt.NDArray[np.bool_] = (seen < away - BEHIND_M) | (beams >= len(ranges))
+        hidden: npt.NDArray[np.bool_] = ~(seen >= away - BEHIND_M) | (beams >= len(ranges))
         return hidden
 
 
