@@ -273,3 +273,27 @@ def test_a_path_through_an_obstacle_is_refused(settings, reason):
         return
     said = error_of(ConfigError, lambda: Simulation("back", **settings))
     assert said.startswith(reason)
+
+
+@pytest.mark.parametrize(
+    ("place", "speeds", "contacts"),
+    [
+        ((3.0, 0.0), [0.5], (0, 0)),  # it is 0.75 m short of the box
+        ((1.0, 0.0), [0.5], (0, 1)),  # it pushes for a second
+        ((1.0, 0.0), [0.5, -0.3, 0.5], (0, 2)),
+        ((3.0, 0.0), [-0.5], (1, 0)),  # a person stands 1 m behind
+    ],
+)
+def test_contacts_of_the_robot_are_counted(place, speeds, contacts):
+    settings = {
+        "world.obstacles": [BOX | {"position_m": place}],
+        "target.path": {"kind": "standing", "x_m": -1.0},
+        "services": ["physics", "controller", "target"],
+        "start.x_m": 0.0,
+        "guard.enabled": False,
+    }
+    with Simulation("teleop", duration_s=10.0, **settings) as sim:
+        for speed in speeds:
+            sim.command(vx=speed)
+            sim.run(2.5)
+        assert (sim.contacts().persons, sim.contacts().obstacles) == contacts

@@ -55,6 +55,10 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
     d_err_m: float | None
     theta_err_deg: float | None
     """With several robots, both measures are means over the robots."""
+    contacts_persons: int
+    """Number of contacts that begin with followed persons, and in the next with obstacles; with
+    several robots, sums over the robots."""
+    contacts_obstacles: int
     trajectory_sha256: str
     robots: dict[str, Scores] = {}
     """The measures of each of several robots, by its name."""
@@ -179,6 +183,7 @@ def _scored(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float
         robot: trajectory.scores(scenario.of(robot).follower.standoff, robot)
         for robot in scenario.names
     }
+    contacts = [trajectory.contacts(scenario, robot) for robot in scenario.names]
     duration_s = trajectory.done * scenario.sim.tick_ns / NS_PER_S
     return Result(
         scenario=name,
@@ -189,6 +194,8 @@ def _scored(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float
         rtf=duration_s / wall_s,
         d_err_m=_mean(of.d_err_m for of in scores.values()),
         theta_err_deg=_mean(of.theta_err_deg for of in scores.values()),
+        contacts_persons=sum(each.persons for each in contacts),
+        contacts_obstacles=sum(each.obstacles for each in contacts),
         trajectory_sha256=trajectory.sha256(),
         robots=scores if scenario.robots else {},
     )

@@ -26,7 +26,7 @@ from mecazen.wire import NS_PER_S, Stamp
 from msgspec.structs import replace
 
 from mecazen_tools.simulate import InProcess
-from mecazen_tools.trajectory import Scores, Trajectory
+from mecazen_tools.trajectory import Contacts, Scores, Trajectory
 
 RECORDER, VIEWER = "recorder", "viewer"
 
@@ -310,6 +310,11 @@ class Simulation:
         """Return the published measures of following so far, of the first robot or a named one."""
         name = self.scenario.names[0] if robot is None else robot
         return self.trajectory.scores(self._run.scenario.of(name).follower.standoff, name)
+
+    def contacts(self, robot: str | None = None) -> Contacts:
+        """Return the numbers of contacts so far, of the first robot or a named one."""
+        name = self.scenario.names[0] if robot is None else robot
+        return self.trajectory.contacts(self._run.scenario, name)
 
     def view(self) -> Any:
         """Return Rerun's notebook widget, which shows the run from its start and follows it live.

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from itertools import chain, dropwhile
+from itertools import chain, dropwhile, pairwise
 from types import MappingProxyType
 from typing import Any, cast
 
 import msgspec
 from mecazen import keys
 from mecazen.bus import Bus
+from mecazen.config import Scenario
+from mecazen.config.world import Box, Cylinder
 from mecazen.covariance import planar_covariance
-from mecazen.geometry import Pose2D, wrap
+from mecazen.geometry import Pose2D, overlap, to_rectangle, wrap
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.robots import join_key
 from mecazen.standoff import Standoff
@@ -37,6 +39,8 @@ COLUMNS = ("t_s", *chain.from_iterable(_COLUMNS.values()))
 Twists are in the frame of the moving body. The covariance is of the estimated pose.
 """
 
+TOUCHING_M = 0.005
+"""Gap below which bodies are in contact: the engine lets them sink in or bounce by less [m]."""
 
 Row = tuple[float | str | None, ...]
 
@@ -51,6 +55,14 @@ class Scores(msgspec.Struct, frozen=True):
     """Mean of |D - D0|, D the distance from robot to person."""
     theta_err_deg: float | None
     """Mean of |Θ - Θ0|, Θ the wrapped difference of the headings."""
+
+
+class Contacts(msgspec.Struct, frozen=True):
+    """Numbers of contacts that begin between a robot and other bodies."""
+
+    persons: int
+    """With the persons whom robots follow."""
+    obstacles: int
 
 
 class Trajectory:
@@ -176,6 +188,40 @@ class Trajectory:
         headings = math.fsum(abs(wrap(r.yaw - p.yaw - standoff.heading)) for r, p in pairs)
         return Scores(distances / len(pairs), math.degrees(headings / len(pairs)))
 
+    def contacts(self, scenario: Scenario, robot: str = "") -> Contacts:
+        """Return the contacts of a robot; `scenario` is the whole scenario."""
+        part, world = scenario.of(robot), scenario.world
+        length, width = (half + TOUCHING_M for half in part.robot.footprint)
+        height = part.robot.height
+        solids = [
+            one for one in world.solids if not (isinstance(one, Box) and one.bottom_m >= height)
+        ]
+
+        def touches(pose: Pose2D, x: float, y: float, radius: float) -> bool:
+            at = pose.between(Pose2D(x, y))
+            return to_rectangle(at.x, at.y, (length, width)) <= radius
+
+        def hits(pose: Pose2D, solid: Box | Cylinder) -> bool:
+            x, y = solid.position_m
+            if not isinstance(solid, Box):
+                return touches(pose, x, y, solid.size_m[0])
+            half = solid.size_m[0] / 2, solid.size_m[1] / 2
+            middle = Pose2D(x, y, math.radians(solid.yaw_deg))
+            return overlap(pose, (length, width), middle, half)
+
+        rows = self._columns[robot, keys.GROUND_TRUTH.key]
+        poses = [_planar(rows[tick]) for tick in range(self.done)]
+        persons = 0
+        for name in self._robots:
+            at = self._columns.get((name, keys.TARGET_ODOM.key), {})
+            radius = world.person.radius_m
+            persons += _begins(
+                tick in at and touches(pose, *_planar(at[tick])[:2], radius)
+                for tick, pose in enumerate(poses)
+            )
+        obstacles = sum(_begins(hits(pose, solid) for pose in poses) for solid in solids)
+        return Contacts(persons, obstacles)
+
     def _follow(
         self,
         bus: Bus,
@@ -196,6 +242,11 @@ class Trajectory:
 
         of = join_key(service, robot)
         bus.subscribe(keys.of_robot(topic, robot), take, every=True, of=of)
+
+
+def _begins(touching: Iterable[bool]) -> int:
+    """Return how often a contact begins."""
+    return sum(now and not before for before, now in pairwise((False, *touching)))
 
 
 def _planar(row: Row) -> Pose2D:

@@ -267,11 +267,17 @@ def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(result)).decode())
     else:
-        table = Table("simulated", "real-time factor", "distance error", "heading error")
+        table = Table(
+            "simulated", "real-time factor", "distance error", "heading error", "contacts"
+        )
         table.add_row(f"{result.duration_s:g} s", f"{result.rtf:.1f}", *_measures(result))
         for name, scores in result.robots.items():
             table.add_row(name, "", *_measures(scores))
         console(80).print(table)
+        typer.echo(
+            f"contacts: {result.contacts_persons} with followed persons, "
+            f"{result.contacts_obstacles} with obstacles"
+        )
         typer.echo(f"trajectory: sha256 {result.trajectory_sha256}")
     if file is not None:
         files.write(file, run.csv(), "--trajectory")
