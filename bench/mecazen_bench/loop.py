@@ -19,7 +19,6 @@ from mecazen_tools.processes import beside_that_core, on_one_core
 from mecazen_tools.simulate import InProcess, simulate
 
 from mecazen_bench.harness import Figure, Goal, Group
-from mecazen_bench.physics import peer_rtf
 from mecazen_bench.stack import SCENARIOS, paused, running, spent_s
 
 DURATION_S = 10.0
@@ -35,7 +34,6 @@ BLOCKS, BLOCK_TICKS = 10, 100
 KINDS = ("pose", "body", "legs", "fused")
 
 REAL_TIMES: Goal = (25.0, None)
-OF_MUJOCO: Goal = (1.0, None)
 DISTRIBUTED: Goal = (0.35, None)
 """Speed relative to one process, with each service in a separate process."""
 GROUPED: Goal = (0.6, None)
@@ -82,7 +80,6 @@ def run_safety(duration_s: float = DURATION_S) -> list[Group]:
 
 def _ways(blocks: int) -> Group:
     """Execute blocks of ticks in one process and in several, in turns, and compare them."""
-    peer = peer_rtf()
     scenario = load_scenario(SCENARIOS / "back.toml", ENDLESS)
     wall_s: dict[str, list[float]] = {}
     spent: dict[str, list[float]] = {}
@@ -108,13 +105,10 @@ def _ways(blocks: int) -> Group:
             "µs/tick": Figure(1e6 * median(own) / BLOCK_TICKS, "less"),
             "of one process": Figure(median(ratios), goal),
         }
-        if peer is not None:
-            rows[name]["of MuJoCo"] = Figure(factor / peer, OF_MUJOCO if is_one else "more")
     how = (
         f"lockstep without observers, medians of {blocks} blocks of {BLOCK_TICKS} ticks in turns; "
         "µs/tick and their ratio, in pairs: processor time of all processes, which share one core; "
-        "MuJoCo: its physics alone, of the robot with capsules at 1 ms; services of a process are "
-        "joined by commas"
+        "services of a process are joined by commas"
     )
     return Group("Whole loop: scenario back", how, rows)
 
