@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -295,13 +295,16 @@ def load_bus(path: Path, overrides: tuple[str, ...] = ()) -> BusConfig:
     return _convert(raw["bus"], BusConfig, "bus", origin)
 
 
-def load_table(path: Path, kind: type[SectionT]) -> SectionT:
-    """Load a TOML file other than a scenario, with the same checks.
+def load_table(
+    path: Path, kind: type[SectionT], prepare: Callable[[dict[str, Any]], object] = lambda _: None
+) -> SectionT:
+    """Load a TOML file other than a scenario, with the same checks; `prepare` may change it first.
 
     Raises:
         ConfigError: One line with the file, the key and the allowed values.
     """
-    return _convert(read_toml(path), kind, "", _Origin(path))
+    prepare(raw := read_toml(path))
+    return _convert(raw, kind, "", _Origin(path))
 
 
 def effective(scenario: Scenario) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 import typer
 from mecazen.errors import ConfigError, MecazenError, explained
-from mecazen.loading import load_table, named_file
+from mecazen.loading import named_file
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
 from mecazen_tools.markdown import MarkdownTable
@@ -31,6 +31,7 @@ from mecazen_experiments.config import (
     Tuning,
     chosen,
     experiment_path,
+    load_cases,
     parse_sweeps,
 )
 from mecazen_experiments.executor import (
@@ -152,7 +153,7 @@ def run(
 
 def tune(options: Options, file: str) -> None:
     """Run a search; print and write the best settings."""
-    tuning = load_table(experiment_path(file), Tuning)
+    tuning = load_cases(experiment_path(file), Tuning)
     with _session(options, "trials") as session:
         do = partial(run_all, FOLLOWING, store=session.store, workers=session.workers)
         best = search.tune(tuning, do, session.progress)
@@ -277,7 +278,7 @@ def _load(
     only: Sequence[str] = (),
 ) -> tuple[Experiment, list[Series]]:
     """Return an experiment and its chosen runs; the arguments are those of the command."""
-    experiment = chosen(load_table(experiment_path(name), Experiment), only)
+    experiment = chosen(load_cases(experiment_path(name), Experiment), only)
     files = sorted(walks.glob("*.csv")) if walks else []
     if walks and not files:
         raise ConfigError(f"--walks {walks}: no such folder, or no *.csv in it")

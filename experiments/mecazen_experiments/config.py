@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from mecazen.errors import ConfigError
-from mecazen.loading import given_file
-from mecazen.schema import Finite, Positive, Section
+from mecazen.files import parse_value
+from mecazen.loading import given_file, load_table, named_file
+from mecazen.schema import Finite, Positive, Section, SectionT
 
 from mecazen_experiments.scores import Score
 
@@ -28,7 +31,7 @@ class Case(Section):
 
     name: Name
     scenario: Path
-    """The scenario's file, relative to the experiment's file."""
+    """The scenario's name, or its file, relative to the experiment's file."""
     settings: Settings = msgspec.field(name="set", default=())
     """Overrides; may use the values `$NAME` of `vary` and of the follower's place: see
     `jobs.expand`."""
@@ -137,6 +140,35 @@ class Tuning(Section):
                 raise ValueError(
                     f"case {case.name!r} needs {wanted} for objective = {self.objective!r}"
                 )
+
+
+def load_cases(path: Path, kind: type[SectionT]) -> SectionT:
+    """Load an experiment or a search, with the scenarios and files that it names.
+
+    A path in `set` is relative to the file, if there is such a file.
+    """
+
+    def located(setting: object) -> object:
+        key, equals, text = setting.partition("=") if isinstance(setting, str) else ("", "", "")
+        value = parse_value(text) if equals and "$" not in text else None
+        if not isinstance(value, str) or "." not in value:
+            return setting
+        name, colon, rest = value.partition(":")
+        file = (path.parent / name).resolve()
+        return f"{key}={json.dumps(f'{file}{colon}{rest}')}" if file.is_file() else setting
+
+    def prepare(raw: dict[str, Any]) -> None:
+        listed = raw.get("cases")
+        for table in (raw, *(listed if isinstance(listed, list) else ())):
+            if not isinstance(table, dict):
+                continue
+            name = table.get("scenario")
+            if isinstance(name, str) and re.fullmatch(r"[\w-]+", name):
+                table["scenario"] = str(named_file(name, "scenario", f"{path}: ").resolve())
+            if isinstance(table.get("set"), list):
+                table["set"] = [located(setting) for setting in table["set"]]
+
+    return load_table(path, kind, prepare)
 
 
 def experiment_path(name: str) -> Path:

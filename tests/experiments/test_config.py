@@ -3,10 +3,16 @@
 from pathlib import Path
 
 import pytest
-from harness import error_of
+from harness import SCENARIOS, error_of
 from mecazen.errors import ConfigError
 from mecazen.loading import load_table
-from mecazen_experiments.config import Experiment, Tuning, experiment_path, parse_sweeps
+from mecazen_experiments.config import (
+    Experiment,
+    Tuning,
+    experiment_path,
+    load_cases,
+    parse_sweeps,
+)
 
 CASE = """
 [[cases]]
@@ -73,3 +79,19 @@ def test_values_of_a_sweep_are_given_with_commas():
 def test_a_sweep_without_key_or_values_is_refused(option):
     with pytest.raises(ConfigError, match=f"--sweep {option}: must be key.path=value,value"):
         parse_sweeps([option])
+
+
+def test_a_scenario_may_be_named_and_a_path_in_set_is_relative_to_the_file(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").touch()
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'set = ["programs.follower=\'mine.py:Mine\'", "seed=2"]\n'
+        '[[cases]]\nname = "a"\nscenario = "back"\nset = ["robot=none.toml"]\n'
+    )
+    found = load_cases(file, Experiment)
+    assert found.cases[0].scenario == (SCENARIOS / "back.toml").resolve()
+    assert found.settings == (f'programs.follower="{tmp_path / "mine.py"}:Mine"', "seed=2")
+    assert found.cases[0].settings == ("robot=none.toml",)  # there is no such file
+    file.write_text('[[cases]]\nname = "a"\nscenario = "bak"\n')
+    text = error_of(ConfigError, lambda: load_cases(file, Experiment))
+    assert text.startswith(f"{file}: bak: no such scenario; did you mean back?")
