@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 import msgspec
+import numpy as np
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
@@ -193,9 +194,6 @@ class Trajectory:
         part, world = scenario.of(robot), scenario.world
         length, width = (half + TOUCHING_M for half in part.robot.footprint)
         height = part.robot.height
-        solids = [
-            one for one in world.solids if not (isinstance(one, Box) and one.bottom_m >= height)
-        ]
 
         def touches(pose: Pose2D, x: float, y: float, radius: float) -> bool:
             at = pose.between(Pose2D(x, y))
@@ -211,6 +209,14 @@ class Trajectory:
 
         rows = self._columns[robot, keys.GROUND_TRUTH.key]
         poses = [_planar(rows[tick]) for tick in range(self.done)]
+        path = np.array([pose[:2] for pose in poses]).reshape(-1, 2)
+
+        def is_near(solid: Box | Cylinder) -> bool:
+            if isinstance(solid, Box) and solid.bottom_m >= height:
+                return False
+            reach = math.hypot(length, width) + math.hypot(*solid.size_m[:2])
+            return bool((np.hypot(*(path - solid.position_m).T) < reach).any())
+
         persons = 0
         for name in self._robots:
             at = self._columns.get((name, keys.TARGET_ODOM.key), {})
@@ -219,7 +225,8 @@ class Trajectory:
                 tick in at and touches(pose, *_planar(at[tick])[:2], radius)
                 for tick, pose in enumerate(poses)
             )
-        obstacles = sum(_begins(hits(pose, solid) for pose in poses) for solid in solids)
+        near = filter(is_near, world.solids)  # a map has thousands
+        obstacles = sum(_begins(hits(pose, solid) for pose in poses) for solid in near)
         return Contacts(persons, obstacles)
 
     def _follow(

@@ -28,7 +28,7 @@ def explaining(name: str) -> Iterator[None]:
         raise NodeError(f"{name}: {explained(error)}") from error
 
 
-def mapping(name: str, outputs: Outputs) -> Outputs:
+def mapping(name: str, outputs: object) -> Outputs:
     """Return the outputs of a user node's step; raise NodeError if they are no mapping."""
     if not isinstance(outputs, Mapping):
         kind = type(outputs).__name__
