@@ -5,28 +5,18 @@ ENV PIP_CONSTRAINT=/constraints.txt PIP_NO_CACHE_DIR=1 PIP_QUIET=1 PIP_ROOT_USER
     PIP_DISABLE_PIP_VERSION_CHECK=1
 COPY constraints.txt /
 
-FROM base AS sdk-wheel
-COPY common /src/common
-COPY configs /src/configs
-COPY ros2 /src/ros2
-COPY tools /src/tools
-RUN pip wheel --no-deps -w /wheels /src/common /src/ros2 /src/tools
+FROM base AS wheel
+COPY . /src
+RUN pip wheel --no-deps -w /wheels /src
 
-# all images share these layers; the router needs no more. The ROS side is among them, since
-# bus.ros2=true is for all services, and the recorder needs it; a scenario may name a map
+# all images share these layers; the router needs no more. ROS 2 is among them, since
+# bus.ros2=true is for all services, and a scenario may name a map
 FROM base AS sdk
-COPY --from=sdk-wheel /wheels /wheels
-RUN pip install /wheels/* numpy pillow pyyaml
+COPY --from=wheel /wheels /wheels
+RUN pip install "$(echo /wheels/*.whl)[ros2,maps]"
 WORKDIR /mecazen
 USER 1000:1000
 ENTRYPOINT ["mecazen"]
-
-FROM base AS service-wheel
-ARG SERVICE
-COPY people /people
-COPY services/$SERVICE /src
-RUN case $SERVICE in target|crowd|viewer) pip wheel --no-deps -w /wheels /people; esac && \
-    pip wheel --no-deps -w /wheels /src
 
 FROM sdk AS service
 USER root
@@ -39,13 +29,5 @@ RUN case $SERVICE in physics) \
         for package in *.deb; do dpkg -x $package /; done && \
         rm -rf *.deb /var/lib/apt/lists/* /var/cache/apt/*.bin; \
     esac
-COPY --from=service-wheel /wheels /wheels
-RUN pip install /wheels/*
-USER 1000:1000
-
-# with SERVICE=follower: who scores a run reads what its follower and its controller were told
-FROM service AS score
-USER root
-COPY services/controller /src
-RUN pip install /src
+RUN pip install "$(echo /wheels/*.whl)[$SERVICE]"
 USER 1000:1000

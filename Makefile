@@ -7,16 +7,19 @@ USED = $(or $(shell for one in $(or $(PYTHON),$(PYTHONS)); do $(RUNS) && echo $$
 	(Debian, Ubuntu: apt install python3-venv) or name it: make PYTHON=/path/to/python))
 RUNS = $$one -c '$(USABLE)' 2>/dev/null
 SERVICES := $(notdir $(wildcard services/*))
+# tests of these parts run with the base and their extras alone: what is not declared is not found
+EXTRA_hardware := hardware,physics,follower
+EXTRA_recorder := recorder,plot
+EXTRA_tools := ros2,keys,plot
+EXTRA_develop := all,studies,cluster,gym,bench,notebook
+EXTRA_simulate := physics,follower,sensors
+EXTRA_lowest := physics,follower,ros2,maps,keys,plot
+BASE := common people controller target crowd guard
+PARTS := $(filter-out $(BASE),$(SERVICES)) tools gym
 SCENARIO ?= back
 SCALE ?= 120
 LOWEST ?= common people tools follower controller target physics
 HUNDREDS ?= 1
-# what a user runs, and what comes with the targets that need it
-SDK := common people tools
-RUN := $(SDK) ros2 $(SERVICES:%=services/%)
-MORE := experiments bench gym
-WORKSPACE := $(RUN) $(MORE)
-
 # what fails in a pipe fails the step
 SHELL := bash
 .SHELLFLAGS := -o pipefail -c
@@ -24,18 +27,17 @@ SHELL := bash
 # Every process would compile all modules anew, where an image says that they are not kept.
 unexport PYTHONDONTWRITEBYTECODE
 
-# uv where it is present, else pip: the same versions from constraints.txt. What builds our projects
-# is installed once and not, as pip would have it, for each of them anew; compiled is what is used.
+# uv where it is present, else pip: the same versions from constraints.txt
 UV := $(shell command -v uv)
 ifneq ($(UV),)
 NEW = uv venv -q -p $(1)
-INSTALL = uv pip install --no-sources -p $(1)/bin/python -b constraints.txt -c constraints.txt
-BUILD_WHEELS := uv build -q --wheel --all-packages --no-sources -b constraints.txt -o dist
+INSTALL = uv pip install -p $(1)/bin/python -b constraints.txt -c constraints.txt
+BUILD_WHEEL := uv build -q --wheel -b constraints.txt -o dist
 else
 PIP := .venv-pip/bin/pip
 NEW = $(1) -m venv --without-pip
 INSTALL = $(PIP) --python $(1)/bin/python install --no-compile --no-build-isolation -c constraints.txt
-BUILD_WHEELS := $(PIP) --python .venv/bin/python wheel -q --no-deps --no-build-isolation -w dist $(WORKSPACE:%=./%)
+BUILD_WHEEL := $(PIP) --python .venv/bin/python wheel -q --no-deps --no-build-isolation -w dist .
 endif
 BUILD := hatchling editables
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -75,7 +77,7 @@ help:
 	@echo "make pictures     the pictures of the documents, from runs (ONLY=hero)"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
 	@echo "make docs         the documentation as a site, in site/; each link must lead somewhere"
-	@echo "make dist         wheels, to be installed elsewhere: docs/deploy.md"
+	@echo "make dist         a wheel, to be installed elsewhere: docs/deploy.md"
 	@echo "make install      only prepare .venv for make run; make develop: for everything else too"
 
 install: .venv/ready
@@ -87,53 +89,24 @@ develop: .venv/developer
 	@mkdir -p $(@D) && touch $@
 
 # editable, so that a change of ours needs no other install
-EDITABLE = $(patsubst %,-e ./%,$(1))
-SHOWING := ros2 services/viewer services/recorder
-LOOP := $(filter-out $(SHOWING),$(SERVICES:%=services/%))
-
-# with pip, by which a user adds extras
-.venv/ready: constraints.txt $(RUN:%=%/pyproject.toml) | .venv-pip/ready
-	@$(call make_venv,.venv,1/4)
-	@$(call install,.venv,2/4,$(SDK),pip $(call EDITABLE,$(SDK:tools=tools[keys,plot])))
-	@$(call install,.venv,3/4,$(LOOP),$(call EDITABLE,$(LOOP)))
-	@$(call install,.venv,4/4,$(SHOWING),$(call EDITABLE,$(SHOWING)))
+.venv/ready: constraints.txt pyproject.toml | .venv-pip/ready
+	@$(call make_venv,.venv,1/2)
+	@$(call install,.venv,2/2,mecazen with all services,pip -e '.[all]')
 	@touch $@
 
-.venv/developer: pyproject.toml $(MORE:%=%/pyproject.toml) .venv/ready
-	@$(call install,.venv,1/1,$(MORE); what tests and linters need,\
-		$(call EDITABLE,$(MORE)) --group test --group system --group lint --group bench)
+.venv/developer: .venv/ready
+	@$(call install,.venv,1/1,and what studies and tests and linters need,\
+		-e '.[$(EXTRA_develop)]' --group test --group system --group lint)
 	@touch $@
 
-# one service and nothing else: what it does not declare, it does not find
-.venv-target/ready .venv-crowd/ready .venv-viewer/ready: NEEDED := -e ./people
-# its emulator drives the physics, and a person walks before it
-.venv-hardware/ready: NEEDED := $(call EDITABLE,people services/physics services/controller services/target services/follower)
-.venv-recorder/ready: NEEDED := -e ./ros2 matplotlib
-.venv-%/ready: constraints.txt common/pyproject.toml people/pyproject.toml ros2/pyproject.toml tools/pyproject.toml services/%/pyproject.toml | .venv-pip/ready
+.venv-base/ready: constraints.txt pyproject.toml | .venv-pip/ready
+	@$(call make_venv,.venv-base,1/2)
+	@$(call install,.venv-base,2/2,the base alone,-e '.[maps]' --group test)
+	@touch $@
+
+$(PARTS:%=.venv-%/ready): .venv-%/ready: constraints.txt pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-$*,1/2)
-	@$(call install,.venv-$*,2/2,$* alone,-e ./common $(NEEDED) -e ./tools -e ./services/$* --group test)
-	@touch $@
-
-.venv-common/ready: constraints.txt common/pyproject.toml | .venv-pip/ready
-	@$(call make_venv,.venv-common,1/2)
-	@$(call install,.venv-common,2/2,the SDK alone,-e ./common[arrays,maps] --group test)
-	@touch $@
-
-.venv-people/ready: constraints.txt common/pyproject.toml people/pyproject.toml | .venv-pip/ready
-	@$(call make_venv,.venv-people,1/2)
-	@$(call install,.venv-people,2/2,people alone,-e ./common -e ./people --group test)
-	@touch $@
-
-# with the ROS side, whose access rules are made with those of the graph
-.venv-tools/ready: constraints.txt common/pyproject.toml ros2/pyproject.toml tools/pyproject.toml | .venv-pip/ready
-	@$(call make_venv,.venv-tools,1/2)
-	@$(call install,.venv-tools,2/2,the command alone,-e ./common -e ./ros2 -e ./tools[keys] matplotlib --group test)
-	@touch $@
-
-GYM := people tools services/physics services/controller services/target services/follower gym
-.venv-gym/ready: constraints.txt common/pyproject.toml $(GYM:%=%/pyproject.toml) | .venv-pip/ready
-	@$(call make_venv,.venv-gym,1/2)
-	@$(call install,.venv-gym,2/2,Gymnasium,$(call EDITABLE,common $(GYM)) --group test)
+	@$(call install,.venv-$*,2/2,$* alone,-e '.[$(or $(EXTRA_$*),$*)]' --group test)
 	@touch $@
 
 .venv-docs/ready: constraints.txt pyproject.toml | .venv-pip/ready
@@ -142,17 +115,16 @@ GYM := people tools services/physics services/controller services/target service
 	@touch $@
 
 # another Python, to compare its results
-.venv-python%/ready: constraints.txt $(RUN:%=%/pyproject.toml) | .venv-pip/ready
+.venv-python%/ready: constraints.txt pyproject.toml | .venv-pip/ready
 	@$(call make_venv,$(@D),1/2)
-	@$(call install,$(@D),2/2,what runs a scenario,$(call EDITABLE,$(SDK) $(LOOP)))
+	@$(call install,$(@D),2/2,what runs a scenario,-e '.[$(EXTRA_simulate)]')
 	@touch $@
 
-# the lowest versions that our projects allow
-.venv-lowest/ready: $(WORKSPACE:%=%/pyproject.toml) pyproject.toml | .venv-pip/ready
+# the lowest versions that pyproject.toml allows
+.venv-lowest/ready: pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-lowest,1/2)
-	@grep -Eoh '"[a-z0-9-]+(\[[a-z]+\])?>=[0-9.]+"' $^ | sed -E 's/"|\[.*\]//g; s/>=/==/' | sort -u >$(@D)/lowest.txt
-	@$(subst constraints.txt,$(@D)/lowest.txt,$(call install,$(@D),2/2,the lowest versions,\
-		$(call EDITABLE,$(SDK:tools=tools[keys,plot]) ros2 $(LOOP)) --group test))
+	@grep -Eoh '"[a-z0-9-]+(\[[a-z]+\])?>=[0-9.]+"' $< | sed -E 's/"|\[.*\]//g; s/>=/==/' | sort -u >$(@D)/lowest.txt
+	@$(subst constraints.txt,$(@D)/lowest.txt,$(call install,$(@D),2/2,the lowest versions,-e '.[$(EXTRA_lowest)]' --group test))
 	@touch $@
 
 # what speaks with us as ROS does: it holds nothing of ours
@@ -168,9 +140,9 @@ run: .venv/ready
 docs: .venv-docs/ready
 	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build
 
-# wheels of everything, and the versions that they were tested with
+# a wheel, and the versions that it was tested with
 dist: .venv/ready
-	@rm -rf dist && $(BUILD_WHEELS) && cp constraints.txt dist && echo "dist: $$(ls dist/*.whl | wc -l) wheels"
+	@rm -rf dist && $(BUILD_WHEEL) && cp constraints.txt dist && echo "$$(ls dist/*.whl)"
 
 drawing:
 	@dpkg -s $(DRAWING) >/dev/null 2>&1 || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
@@ -188,7 +160,10 @@ notebook: .venv/developer
 
 test: test-common test-people test-tools test-gym $(SERVICES:%=test-%) test-experiments test-bench test-system test-ros test-dist docs
 
-test-common test-people test-tools test-gym $(SERVICES:%=test-%): test-%: .venv-%/ready
+$(BASE:%=test-%): test-%: .venv-base/ready
+	.venv-base/bin/python -m pytest tests/$*
+
+$(PARTS:%=test-%): test-%: .venv-%/ready
 	.venv-$*/bin/python -m pytest tests/$*
 
 test-viewer test-system: drawing

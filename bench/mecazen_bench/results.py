@@ -31,12 +31,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
+from mecazen_experiments.jobs import PACKAGES
 from mecazen_tools import files
 from mecazen_tools.markdown import MarkdownTable
 
 from mecazen_bench.harness import ResultsError, machine
 
 ROOT = Path(__file__).parents[2]
+RUNS = "experiments"
+"""The input that stands for all packages that a run loads."""
 TABLES = "docs/tables"
 """The folder of the tables that documents link to; it contains no other files."""
 BLOCK = re.compile(
@@ -58,7 +61,7 @@ class Stage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The words after `mecazen`. The command has the option --json, and --figures if there are
     figures. $NAME is a variable of the environment."""
     inputs: tuple[str, ...]
-    """Files and folders that the result depends on; a project includes its dependencies."""
+    """Files and folders that the result depends on; `experiments` stands for what a run loads."""
     figures: tuple[str, ...] = ()
 
 
@@ -106,18 +109,15 @@ def find(name: str, root: Path) -> Result | None:
 
 def inputs_sha256(stage: Stage, root: Path) -> str:
     """Return the hash of all files that the result of a stage depends on."""
-    every = [*root.glob("*/pyproject.toml"), *root.glob("services/*/pyproject.toml")]
-    projects = {_project(path)["name"]: path.parent for path in every}
-    todo, found = [root / one for one in stage.inputs], set()
-    while todo:
-        path = todo.pop()
-        if not path.exists():
-            raise ResultsError(f"results/stages.toml: {path.relative_to(root)}: no such input")
-        if path not in found and (path / "pyproject.toml").exists():
-            needed = _project(path / "pyproject.toml").get("dependencies", ())
-            names = (re.split(r"[^\w-]", one)[0] for one in needed)
-            todo += [projects[name] for name in names if name in projects]
-        found.add(path)
+    found = set()
+    for name in stage.inputs:
+        if name == RUNS:
+            patterns = (f"{above}/{name}" for above in ("*", "services/*") for name in PACKAGES)
+            found |= {folder for pattern in patterns for folder in root.glob(pattern)}
+        elif (path := root / name).exists():
+            found.add(path)
+        else:
+            raise ResultsError(f"results/stages.toml: {name}: no such input")
     return files.sha256_of(root, found, _content)
 
 
@@ -337,11 +337,6 @@ def stale(root: Path) -> Iterator[str]:
             yield f"{name}: has no result yet"
         elif (result.inputs, result.command) != (inputs_sha256(stage, root), stage.command):
             yield f"{name}: inputs have changed since commit {result.commit}"
-
-
-def _project(path: Path) -> Mapping[str, Any]:
-    table: Mapping[str, Any] = tomllib.loads(path.read_text())["project"]
-    return table
 
 
 def _sha256(path: Path) -> str:

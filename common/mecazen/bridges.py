@@ -1,18 +1,16 @@
-"""Packages that show the nodes of a process to another system, such as ROS 2.
-
-They register by entry points of the group `mecazen.bridges`.
-"""
+"""Packages that show the nodes of a process to another system: ROS 2."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from functools import cache
-from importlib.metadata import entry_points
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
+from mecazen.extras import is_installed
 from mecazen.keys import Call, Topic
 from mecazen.messages import Message
 from mecazen.row import Row
@@ -21,8 +19,6 @@ if TYPE_CHECKING:
     from mecazen.bus.zenoh_bus import ZenohBus
     from mecazen.config import Scenario
     from mecazen.graph import Graph
-
-GROUP = "mecazen.bridges"
 
 Put = Callable[[Topic[Any], Message], None]
 """Publishes a message without a stamp."""
@@ -77,7 +73,7 @@ class Bridge(Protocol):
 @cache
 def installed() -> list[Bridge]:
     """Return all bridges that are installed."""
-    return [cast(Bridge, entry.load()) for entry in entry_points(group=GROUP)]
+    return [cast(Bridge, import_module("mecazen_ros.bridge"))] if is_installed("ros2") else []
 
 
 def bridge_of(config: BusConfig) -> Bridge | None:
@@ -88,9 +84,9 @@ def bridge_of(config: BusConfig) -> Bridge | None:
     """
     if not config.ros2:
         return None
-    for entry in entry_points(group=GROUP, name="ros2"):
-        return cast(Bridge, entry.load())
-    raise BusError("bus.ros2: mecazen-ros is not installed; `pip install mecazen-ros`")
+    for bridge in installed():
+        return bridge
+    raise BusError("bus.ros2 needs pip install 'mecazen[ros2]'")
 
 
 def is_bridged(key: str) -> bool:

@@ -42,6 +42,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "physics",
         "the world: robots with all their rollers",
+        program="mecazen_physics.node:PhysicsWorld",
         inputs=(
             every(keys.JOINT_COMMAND),
             every(keys.TARGET_ODOM),
@@ -68,6 +69,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "hardware",
         "a real robot in the place of physics: what its board reports",
+        program="mecazen_hardware.node:HardwareWorld",
         outputs=(keys.JOINT_STATES, keys.IMU, keys.BATTERY_STATE),
         calls=(keys.ROBOT_DESCRIPTION,),
         shared=True,
@@ -77,6 +79,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "motors",
         "sends wheel speeds to the board, as far as that is safe",
+        program="mecazen_hardware.node:Motors",
         inputs=(
             every(keys.JOINT_STATES),
             due(keys.JOINT_COMMAND, revises=True),
@@ -90,6 +93,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "odometry",
         "where the robot is, from its wheels or from the truth",
+        program="mecazen_controller.node:OdometryNode",
         inputs=(every(keys.JOINT_STATES),),
         outputs=(keys.ODOM,),
         calls=(keys.SET_ODOMETRY,),
@@ -100,6 +104,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "controller",
         "wheel speeds for a commanded twist, within limits",
+        program="mecazen_controller.node:ControllerNode",
         inputs=(
             every(keys.JOINT_STATES),
             due(keys.CMD_VEL, revises=True, unless="guard"),
@@ -111,6 +116,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "target",
         "the walking person, and what the robot's sensor sees of them",
+        program="mecazen_target.node:TargetNode",
         inputs=(
             every(keys.GROUND_TRUTH),
             latest(keys.TARGET_CMD_VEL),
@@ -127,6 +133,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "crowd",
         "other people, and where everybody is",
+        program="mecazen_crowd.node:CrowdNode",
         inputs=(
             every(keys.CLOCK),
             every(keys.GROUND_TRUTH),
@@ -141,6 +148,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "lidar",
         "scans the surroundings at the height of ankles",
+        program="mecazen_sensors.node:LidarNode",
         inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH), due(keys.PEOPLE)),
         outputs=(keys.SCAN,),
         rates={keys.SCAN.key: "sensors.lidar.rate_hz"},
@@ -151,6 +159,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "tracker",
         "sees the joints of people, as a depth camera with a body-tracking SDK",
+        program="mecazen_sensors.node:TrackerNode",
         inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH), due(keys.PEOPLE)),
         outputs=(keys.SKELETONS,),
         rates={keys.SKELETONS.key: "sensors.tracker.rate_hz"},
@@ -161,6 +170,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "depth",
         "takes depth pictures",
+        program="mecazen_sensors.node:DepthNode",
         inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH), due(keys.PEOPLE)),
         outputs=(keys.DEPTH, keys.CAMERA_INFO),
         rates={
@@ -174,6 +184,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "body",
         "finds position and heading of persons from the joints that are seen",
+        program="mecazen_follower.perception.node:Body",
         inputs=(every(keys.SKELETONS),),
         outputs=(keys.OBSERVATION,),
         service="follower",
@@ -183,6 +194,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "legs",
         "finds persons by their legs in a scan",
+        program="mecazen_follower.perception.node:Legs",
         inputs=(every(keys.SCAN),),
         outputs=(keys.LEGS,),
         service="follower",
@@ -192,6 +204,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "follower",
         "keeps the robot at its place beside the person",
+        program="mecazen_follower.node:FollowerNode",
         inputs=(every(keys.ODOM), due(keys.OBSERVATION), due(keys.LEGS), due(keys.SCAN)),
         outputs=(keys.FOLLOWER_STATE, keys.CMD_VEL),
         priority=2,
@@ -200,6 +213,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "guard",
         "lets through of cmd_vel what can be stopped before anything is touched",
+        program="mecazen_guard.node:GuardNode",
         inputs=(every(keys.ODOM), due(keys.CMD_VEL, revises=True), due(keys.SCAN)),
         outputs=(keys.GUARD_STATE, keys.GUARD_CMD_VEL),
         needs="guard",
@@ -209,6 +223,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "viewer",
         "shows everything in Rerun",
+        program="mecazen_viewer.service:ViewerService",
         inputs=tuple(latest(topic) for topic in keys.TOPICS),
         shared=True,
         observes=True,
@@ -216,6 +231,7 @@ GRAPH: tuple[Row, ...] = (
     Row(
         "recorder",
         "writes everything into an MCAP file",
+        program="mecazen_recorder.service:RecorderService",
         inputs=tuple(latest(topic) for topic in keys.TOPICS),
         shared=True,
         observes=True,

@@ -20,7 +20,7 @@ from mecazen.explain import explain, fields_of_choice, one_line, show
 from mecazen.files import parse_toml, parse_value, read_toml
 from mecazen.graph import COLLECTOR, CROWD, GRAPH, TABLE
 from mecazen.occupancy import take_map
-from mecazen.programs import find, installed_nodes
+from mecazen.programs import find
 from mecazen.robot import Robot
 from mecazen.schema import Folder, Output, Section, SectionT
 from mecazen.text import printable
@@ -219,13 +219,11 @@ def _take_sensors(raw: dict[str, Any]) -> None:
 
 def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Section]]:
     """Return the types of the sections that user nodes define, by node name."""
-    given, services = raw.get("programs"), raw.get("services")
+    given = raw.get("programs")
     tables = given if isinstance(given, dict) else {}
     programs = {name: program for name, program in tables.items() if isinstance(program, str)}
-    listed = map(str, services) if isinstance(services, list) else ()
-    installed = [name for name in listed if name in installed_nodes() and name not in TABLE]
     found: dict[str, type[Section]] = {}
-    for name in dict.fromkeys([*programs, *installed]):
+    for name, program in programs.items():
         try:
             section = getattr(find(name, programs), "SECTION", None)
         except ConfigError:
@@ -242,7 +240,7 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
             )
         if name in _SECTIONS and not issubclass(section, ours := _SECTIONS[name]):
             raise ConfigError(
-                f"{programs[name]}: in the place of {name} its SECTION must be a subclass of "
+                f"{program}: in the place of {name} its SECTION must be a subclass of "
                 f"mecazen.config.{ours.__name__}"
             )
         found[name] = section

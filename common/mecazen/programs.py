@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 from mecazen import graph
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, explained
+from mecazen.extras import is_installed
 from mecazen.graph import Graph
 from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, ODOM, TOPICS, Call, Topic
 from mecazen.node import Computing, Node, World
@@ -25,40 +25,25 @@ from mecazen.row import Row
 from mecazen.runtime.observer import Observer
 from mecazen.schema import Section
 
-NODES = "mecazen.nodes"
-"""The group of entry points by which installed packages name their nodes."""
-
 Kind = type[Node] | type[World] | type[Observer]
-
-
-@lru_cache
-def installed(group: str) -> dict[str, EntryPoint]:
-    """Return the installed entry points of a group, by name."""
-    return {entry.name: entry for entry in entry_points(group=group)}
-
-
-def installed_nodes() -> dict[str, EntryPoint]:
-    """Return the nodes that are installed here, by name."""
-    return installed(NODES)
 
 
 def find(name: str, programs: Mapping[str, str]) -> Kind:
     """Return the class of a node: by its name or `file.py:Class`, or of the program in its place.
 
     Raises:
-        ConfigError: There is no such class.
+        ConfigError: There is no such class, or its extra is not installed.
     """
     program = programs.get(name, name)
-    known = installed_nodes()
-    if program in known:
-        return _checked(known[program].load(), program)
+    if program in graph.TABLE and (row := graph.TABLE[program]).program:
+        if not is_installed(row.part_of):
+            raise ConfigError(f"{name} is not installed: pip install 'mecazen[{row.part_of}]'")
+        return _class_of(row.program)
     if ":" not in program:
         if program.endswith(".py"):
             raise ConfigError(f"{program}: add the class, such as {program}:MyFollower")
-        names = ", ".join(sorted(known)) or "none"
-        raise ConfigError(
-            f"{program}: no such node; installed: {names}; or file.py:Class of your own"
-        )
+        nodes = ", ".join(sorted(row.name for row in graph.GRAPH if row.program))
+        raise ConfigError(f"{program}: no such node; nodes: {nodes}; or file.py:Class of your own")
     return _class_of(program)
 
 
@@ -133,12 +118,13 @@ def reads_section(service: str, kinds: Mapping[str, Kind]) -> bool:
 
     A user class reads it if the class has a SECTION or derives from the class that it replaces.
     """
-    kind, known = kinds.get(service), installed_nodes()
+    kind = kinds.get(service)
     return (
         kind is None
-        or service not in known
+        or service not in graph.TABLE
+        or not is_installed(service)
         or getattr(kind, "SECTION", None) is not None
-        or issubclass(kind, known[service].load())
+        or issubclass(kind, find(service, {}))
     )
 
 
@@ -311,13 +297,13 @@ def _nodes(service: str, scenario: Scenario) -> list[str]:
 
 
 def refuse_missing(service: str, scenario: Scenario) -> None:
-    """Refuse a service with a missing class, without importing installed classes.
+    """Refuse a service with a missing class; import only the classes of user programs.
 
     Raises:
         ConfigError: There is no such class.
     """
     for name in _nodes(service, scenario):
-        if scenario.programs.get(name, name) not in installed_nodes():
+        if name in scenario.programs or name not in graph.TABLE or not is_installed(service):
             find(name, scenario.programs)
 
 

@@ -76,6 +76,8 @@ class Row:
     name: str
     summary: str = ""
     """Purpose of the node, in a few words."""
+    program: str = ""
+    """Class of the node in this distribution, as `module:Class`; a user node has none."""
     inputs: tuple[Input, ...] = ()
     outputs: tuple[Topic[Any], ...] = ()
     """Topics that it publishes, in this order."""

@@ -1,8 +1,6 @@
 """Encoding and decoding: messages as JSON or MessagePack, and the stamp attached to samples.
 
-Installed packages can decode further encodings. A package registers a function
-`decode(payload, kind)`, which raises RefusedError, as an entry point of the group
-`mecazen.encodings` under the encoding's name.
+With the extra `ros2`, ROS 2's CDR is decoded as well.
 """
 
 from __future__ import annotations
@@ -11,12 +9,13 @@ import struct
 from codecs import BOM_UTF8
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib.metadata import entry_points
+from importlib import import_module
 from typing import Any, Literal, NamedTuple, cast
 
 import msgspec
 
 from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
+from mecazen.extras import is_installed
 from mecazen.messages import LaserScan, Message, MessageT, Time, Twist, finite_scan
 from mecazen.text import shortened
 
@@ -37,8 +36,7 @@ MAX_TIME_NS = 2**31 * 10**9 - 1
 """The latest time that a message's `Time` can represent [ns]."""
 JSON_ENCODING = "application/json"
 MSGPACK_ENCODING = "application/msgpack"
-PLUGGED = {"application/cdr": "mecazen-ros"}
-"""Packages that must be installed to decode an encoding, by encoding."""
+CDR_ENCODING = "application/cdr"
 ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
 
 STAMPED: Mapping[type[Message], str] = {Twist: "twist"}
@@ -144,8 +142,8 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
         raise RefusedError(f"payload of {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} allowed")
     try:
         form = format_of(payload, encoding)
-        if form in PLUGGED:
-            return cast(MessageT, _plugged(form)(payload, kind))
+        if form == CDR_ENCODING:
+            return cast(MessageT, _cdr_decoder()(payload, kind))
         return cast(MessageT, _decoded(payload.removeprefix(BOM_UTF8), kind, form))
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
@@ -186,15 +184,14 @@ def _unknown(payload: bytes | msgspec.Raw, message: msgspec.Struct, form: str) -
 
 
 @cache
-def _plugged(encoding: str) -> Callable[[bytes, type[Message]], Any]:
-    for entry in entry_points(group="mecazen.encodings", name=encoding):
-        return cast(Callable[[bytes, type[Message]], Any], entry.load())
-    what = PLUGGED[encoding]
-    raise RefusedError(f"{encoding}: {what} is not installed; `pip install {what}`")
+def _cdr_decoder() -> Callable[[bytes, type[Message]], Any]:
+    if not is_installed("ros2"):
+        raise RefusedError(f"{CDR_ENCODING} needs pip install 'mecazen[ros2]'")
+    return cast(Callable[[bytes, type[Message]], Any], import_module("mecazen_ros.cdr").decode)
 
 
 def format_of(payload: bytes, encoding: str) -> str:
-    """Return a payload's format, or its encoding if that is in `PLUGGED`.
+    """Return a payload's format, or its encoding if that is CDR.
 
     The encoding decides; if it names no format, the first byte does.
 
@@ -206,13 +203,13 @@ def format_of(payload: bytes, encoding: str) -> str:
         return "json"
     if media == MSGPACK_ENCODING:
         return "msgpack"
-    if media in PLUGGED:
+    if media == CDR_ENCODING:
         return media
     first = payload[0]
     if first == 0x7B or first in b" \t\r\n" or payload.startswith(BOM_UTF8):
         return "json"
     if payload[:2] in (b"\x00\x00", b"\x00\x01") and len(payload) >= 4:  # from a bridge to DDS
-        return "application/cdr"
+        return CDR_ENCODING
     # MessagePack begins a map, and every message is a map, in one of these three ways
     if 0x80 <= first <= 0x8F or first in (0xDE, 0xDF):
         return "msgpack"

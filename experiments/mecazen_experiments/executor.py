@@ -96,9 +96,7 @@ def cluster_workers(address: str) -> Iterator[Workers]:
     try:
         from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415  # an extra
     except ModuleNotFoundError:
-        raise ConfigError(
-            "--scheduler needs Dask: pip install 'mecazen-experiments[cluster]'"
-        ) from None
+        raise ConfigError("--scheduler needs Dask: pip install 'mecazen[cluster]'") from None
     # checked here: with a wrong address Dask's client hangs at the end of the process
     if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", address):
         raise ConfigError(f"--scheduler {address}: must be tcp://HOST:PORT or tls://HOST:PORT")

@@ -8,11 +8,9 @@ import json
 import math
 import platform
 import random
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import requires
 from importlib.metadata import version as version_of
 from itertools import product
 from pathlib import Path
@@ -33,8 +31,14 @@ from mecazen_tools.simulate import in_lockstep
 
 from mecazen_experiments.config import Case, Experiment, Settings, Sweep
 
-PROJECT = "mecazen-experiments"
-"""The project whose code, data and libraries a result depends on, with those that it needs."""
+PACKAGES = (
+    *("mecazen", "mecazen_people", "mecazen_tools", "mecazen_experiments"),
+    *("mecazen_physics", "mecazen_controller", "mecazen_target", "mecazen_crowd"),
+    *("mecazen_sensors", "mecazen_follower", "mecazen_guard"),
+)
+"""The packages whose code and data a result depends on."""
+LIBRARIES = ("dartpy", "filterpy", "msgspec", "mujoco", "numpy", "scipy")
+"""Libraries that a result depends on."""
 
 
 class Key(msgspec.Struct, frozen=True):
@@ -227,32 +231,16 @@ def with_content(program: str) -> str:
 def version() -> str:
     """Return the SHA-256 of the code, the data and the libraries that a result depends on.
 
-    The hash covers all files of `PROJECT` and of the projects of mecazen that it needs, and the
-    versions of Python and of the libraries that they need.
+    The hash covers all files of `PACKAGES`, and the versions of Python and of `LIBRARIES`.
     """
     lines = [f"python {platform.python_version()}"]
-    for name in sorted(_needed(PROJECT)):
-        if not name.startswith("mecazen"):
-            lines.append(f"{name} {version_of(name)}")
-            continue
-        spec = importlib.util.find_spec(name.replace("-", "_"))
+    lines += [f"{name} {version_of(name)}" for name in LIBRARIES]
+    for name in PACKAGES:
+        spec = importlib.util.find_spec(name)
         assert spec is not None
         for folder in map(Path, spec.submodule_search_locations or ()):
             lines.append(f"{name} {files.sha256_of(folder, [folder])}")
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
-
-
-def _needed(project: str) -> set[str]:
-    """Return a project, the projects of mecazen that it needs, and the libraries of all."""
-    found, todo = set(), [project]
-    while todo:
-        name = todo.pop()
-        if name in found:
-            continue
-        found.add(name)
-        needs = (requires(name) if name.startswith("mecazen") else None) or ()
-        todo += [re.split(r"[^\w-]", need)[0] for need in needs if "extra ==" not in need]
-    return found
 
 
 def check_version(job: Job) -> None:

@@ -12,21 +12,18 @@ from mecazen_bench.results import problems, stale
 from mecazen_tools.cli.app import app
 from typer.testing import CliRunner
 
+CODE = "common/mecazen"
 TABLE = "| case | error |\n| --- | --- |\n| door | {} |\n"
 
 
 @pytest.fixture
 def root(tmp_path, monkeypatch):
     """A project with one stage, its result, a document and a figure that show it."""
-    for folder in ("docs", "results", "common", "walker"):
-        (tmp_path / folder).mkdir()
-    (tmp_path / "common" / "pyproject.toml").write_text('project = { name = "common" }')
-    (tmp_path / "walker" / "pyproject.toml").write_text(
-        'project = { name = "walker", dependencies = ["common==1", "numpy"] }'
-    )
-    (tmp_path / "common" / "code.py").write_text("1")
+    for folder in ("docs", "results", CODE):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / CODE / "code.py").write_text("1")
     (tmp_path / "results" / "stages.toml").write_text(
-        '[walk]\ncommand = "experiment run walk"\ninputs = ["walker"]\n'
+        '[walk]\ncommand = "experiment run walk"\ninputs = ["experiments"]\n'
     )
     (tmp_path / "README.md").touch()
     (tmp_path / "docs" / "figure.png").write_bytes(b"drawn")
@@ -144,7 +141,7 @@ def test_a_stage_without_a_place_and_a_place_without_a_stage_are_found(root):
 
 
 def test_a_result_is_stale_once_code_that_its_project_needs_has_changed(root):
-    (root / "common" / "code.py").write_text("2")
+    (root / CODE / "code.py").write_text("2")
     assert list(stale(root)) == ["walk: inputs have changed since commit abc"]
     check = partial(CliRunner().invoke, app)
     assert check(["bench", "check"]).exit_code == 0
@@ -152,7 +149,7 @@ def test_a_result_is_stale_once_code_that_its_project_needs_has_changed(root):
 
 
 def test_words_about_code_make_no_result_stale(root):
-    stage, code = results.stages(root)["walk"], root / "common" / "code.py"
+    stage, code = results.stages(root)["walk"], root / CODE / "code.py"
     code.write_text('def a():\n    return "x # y"\n')
     before = results.inputs_sha256(stage, root)
     code.write_text('"""A module."""\n\ndef a():\n    """Say."""\n    return "x # y"  # so\n')
@@ -163,7 +160,7 @@ def test_words_about_code_make_no_result_stale(root):
 
 @pytest.mark.parametrize("name", ["norm.csv", "walk.npz", "deep/episode.yaml"])
 def test_changed_data_make_a_result_stale(name, root):
-    file = root / "common" / name
+    file = root / CODE / name
     file.parent.mkdir(exist_ok=True)
     file.write_text("1")
     assert list(stale(root)) == ["walk: inputs have changed since commit abc"]
@@ -174,7 +171,7 @@ def test_only_stages_that_are_not_up_to_date_run(root, monkeypatch):
     monkeypatch.setattr(results, "_run", lambda _, name, *__: ran.append(name))
     results.run(root, (), {}, said.append)
     assert ran == []
-    (root / "common" / "code.py").write_text("2")
+    (root / CODE / "code.py").write_text("2")
     results.run(root, ["walk"], {}, said.append)
     assert ran == ["walk"]
     assert said == ["walk: up to date", "walk: mecazen experiment run walk"]

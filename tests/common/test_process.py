@@ -231,7 +231,7 @@ def test_a_service_logs_with_simulated_time(start, settings, tester):
 @pytest.mark.parametrize(
     ("name", "setting", "code", "expected"),
     [
-        ("nobody", "seed=1", 2, r"nobody: no such node; installed: "),
+        ("nobody", "seed=1", 2, r"nobody: no such node; nodes: "),
         ("toy", "sim.speed=fast", 2, r".*test\.toml with --set sim\.speed: got 'fast'; allowed: "),
         ("toy+toy", "seed=1", 2, r"toy\+toy: each service at most once$"),
         ("router", "seed=-1", 2, r".*test\.toml with --set seed: got -1; allowed: "),

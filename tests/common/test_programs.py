@@ -10,12 +10,12 @@ from harness import SCENARIOS, error_of
 from mecazen import keys, programs
 from mecazen.config import FollowerConfig, RobotConfig, Scenario, SensorConfig, SimConfig
 from mecazen.errors import ConfigError
-from mecazen.graph import TABLE
+from mecazen.graph import GRAPH, TABLE
 from mecazen.keys import FOLLOWER_STATE, ODOM, TARGET_ODOM, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import String
 from mecazen.node import Node, Row
-from mecazen.programs import classes, find, graph_of, installed_nodes
+from mecazen.programs import classes, find, graph_of
 from mecazen.row import due, every, latest
 
 NODE = """
@@ -74,13 +74,16 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("installed", "named"), [({}, "none"), ({"physics": 0, "controller": 0}, "controller, physics")]
-)
-def test_when_a_node_is_unknown_expect_those_installed(monkeypatch, installed, named):
-    monkeypatch.setattr(programs, "installed_nodes", lambda: installed)
+def test_an_unknown_node_is_refused_with_the_names_of_all_nodes():
     text = error_of(ConfigError, lambda: find("physic", {}))
-    assert text == f"physic: no such node; installed: {named}; or file.py:Class of your own"
+    nodes = ", ".join(sorted(row.name for row in GRAPH if row.program))
+    assert text == f"physic: no such node; nodes: {nodes}; or file.py:Class of your own"
+
+
+def test_a_node_without_its_extra_is_refused_with_the_extra(monkeypatch):
+    monkeypatch.setattr(programs, "is_installed", lambda extra: extra != "sensors")
+    text = error_of(ConfigError, lambda: find("lidar", {}))
+    assert text == "lidar is not installed: pip install 'mecazen[sensors]'"
 
 
 @pytest.mark.parametrize(
@@ -192,10 +195,6 @@ def test_a_world_has_no_place_of_its_own(write_scenario):
     scenario = load_scenario(write_scenario("[programs]\nearth = '../my.py:Earth'\n"))
     with pytest.raises(ConfigError, match=r"^earth: a world or an observer takes the place of one"):
         graph_of(scenario)
-
-
-def test_installed_nodes_have_rows_of_the_table():
-    assert set(installed_nodes()) <= set(TABLE)
 
 
 @pytest.mark.parametrize(

@@ -68,9 +68,9 @@ def test_the_encoding_is_believed_before_the_first_bytes(encoding, form):
 
 
 def test_an_encoding_of_a_package_that_is_not_installed_is_refused_by_its_name(monkeypatch):
-    monkeypatch.setattr(wire, "entry_points", lambda **_: [])
-    wire._plugged.cache_clear()
-    problem = "application/cdr: mecazen-ros is not installed; `pip install mecazen-ros`"
+    monkeypatch.setattr(wire, "is_installed", lambda extra: False)
+    wire._cdr_decoder.cache_clear()
+    problem = r"application/cdr needs pip install 'mecazen\[ros2\]'"
     with pytest.raises(RefusedError, match=problem):
         decode(bytes(52), m.Twist, "application/cdr")
 

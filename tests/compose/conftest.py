@@ -31,7 +31,6 @@ BUILT = (
     "follower",
     "viewer",
     "recorder",
-    "score",
     "sensors",
     "crowd",
     "guard",

@@ -1,11 +1,9 @@
 """From cases to runs, and the keys under which results are found again."""
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
-from harness import ROOT
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH
 from mecazen.loading import load_scenario
@@ -13,7 +11,6 @@ from mecazen_experiments import jobs
 from mecazen_experiments.config import Case, Experiment
 from mecazen_experiments.jobs import Job, fingerprint, version
 
-PROJECTS = [*ROOT.glob("*/pyproject.toml"), *ROOT.glob("services/*/pyproject.toml")]
 WALK = "t_s,x_m,y_m\n0,0,0\n1,0.5,0\n2.003,1,0\n"
 
 
@@ -132,12 +129,9 @@ def test_the_fingerprint_has_what_a_walk_and_a_program_say_and_not_their_names(f
 
 
 def test_the_version_changes_with_what_a_run_loads_and_with_nothing_else(folder, monkeypatch):
-    needs = {
-        "mecazen-experiments": ["mecazen-more==1", "numpy>=1", 'distributed; extra == "cluster"'],
-        "mecazen-more": ["mujoco"],
-    }
-    libraries = {"numpy": "1", "mujoco": "1"}  # an extra has no version here
-    monkeypatch.setattr(jobs, "requires", lambda name: needs[name])
+    libraries = {"numpy": "1", "mujoco": "1"}
+    monkeypatch.setattr(jobs, "PACKAGES", ("mecazen_more",))
+    monkeypatch.setattr(jobs, "LIBRARIES", tuple(libraries))
     monkeypatch.setattr(jobs, "version_of", lambda name: libraries[name])
     monkeypatch.syspath_prepend(folder.path)
     changes = {"more/a.py": "A", "more/walk.npz": "1", "more/norm.csv": "1", "more/a.yaml": "b"}
@@ -157,15 +151,10 @@ def test_the_version_changes_with_what_a_run_loads_and_with_nothing_else(folder,
     assert version.__wrapped__() == found[-1]
 
 
-def test_the_experiments_need_every_project_that_a_run_loads(monkeypatch):
-    tables = [tomllib.loads(f.read_text())["project"] for f in PROJECTS]
-    needs = {table["name"]: table["dependencies"] for table in tables}
-    monkeypatch.setattr(jobs, "requires", needs.get)
-    needed = jobs._needed(jobs.PROJECT)
-    assert {"mujoco", "dartpy"} <= needed  # the rays of lidar and tracker, and the physics
+def test_the_version_covers_every_service_of_a_run_and_the_rays_of_its_sensors():
     services = {row.part_of for row in GRAPH} - {"viewer", "recorder", "hardware", "collector"}
-    assert {f"mecazen-{service}" for service in services} <= needed
-    assert "mecazen-viewer" not in needed
+    assert {f"mecazen_{service}" for service in services} <= set(jobs.PACKAGES)
+    assert "mujoco" in jobs.LIBRARIES
 
 
 def test_a_worker_with_another_version_refuses(folder):

@@ -13,7 +13,7 @@ def command(tmp_path, monkeypatch):
 
 
 def test_without_rerun_expect_what_to_install(command):
-    with pytest.raises(RecordingError, match=r"mecazen-recorder\[rerun\]"):
+    with pytest.raises(RecordingError, match=r"mecazen\[viewer\]"):
         rerun.converter()
 
 

@@ -48,7 +48,7 @@ def test_without_rerun_s_widget_expect_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun.notebook", None)
     with (
         Simulation("side", duration_s=0.1, view=True) as sim,
-        pytest.raises(MecazenError, match=r"pip install 'mecazen-viewer\[notebook\]'"),
+        pytest.raises(MecazenError, match=r"pip install 'mecazen\[notebook\]'"),
     ):
         sim.view()
 

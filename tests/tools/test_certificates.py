@@ -96,7 +96,7 @@ def test_when_the_library_is_missing_expect_one_line_that_says_what_to_install(
 ):
     monkeypatch.setitem(sys.modules, "cryptography", None)
     text = error_of(MecazenError, lambda: certificates.create(tmp_path / "keys"))
-    assert text == "keys need the library cryptography: pip install 'mecazen-tools[keys]'"
+    assert text == "keys need the library cryptography: pip install 'mecazen[keys]'"
 
 
 @pytest.mark.parametrize("mode", ["router", "peer"])

@@ -4,7 +4,6 @@ import resource
 import signal
 import subprocess
 import time
-import tomllib
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +11,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 import typer
-from harness import ROOT, command, error_of
+from harness import command, error_of
 from mecazen import keys
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
@@ -28,8 +27,8 @@ from rich.text import Text
 @pytest.mark.parametrize(
     ("argument", "told"),
     [
-        ("fly", "No such command 'fly'; it comes with mecazen-wings, or with `make develop`"),
-        ("pubs", "No such command 'pubs'; it comes with mecazen-pubs, or with `make develop`"),
+        ("fly", "No such command 'fly'; it needs pip install 'mecazen[wings]'"),
+        ("pubs", "No such command 'pubs'; it needs pip install 'mecazen[studies]'"),
         ("sim", ""),  # which shows its help
         (
             "simulate back --seed -1",
@@ -40,20 +39,11 @@ from rich.text import Text
 )
 def test_what_is_wrong_with_a_command_line_is_one_line(argument, told, capsys, monkeypatch):
     monkeypatch.setattr("sys.argv", ["mecazen", *argument.split()])
-    monkeypatch.setattr(app, "ELSEWHERE", {"fly": "mecazen-wings", "pubs": "mecazen-pubs"})
+    monkeypatch.setattr(app, "EXTRAS", {"wings": {"fly": ""}, "studies": {"pubs": ""}})
     with pytest.raises(SystemExit) as ended:
         app.main()
     assert ended.value.code == 2
     assert capsys.readouterr().err.partition("; `")[0].rstrip() == (told and f"error: {told}")
-
-
-def test_each_command_of_an_optional_project_names_that_project():
-    commands = {}
-    for folder in ("experiments", "bench", "gym"):
-        project = tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"]
-        entries = project.get("entry-points", {}).get("mecazen.commands", {})
-        commands |= dict.fromkeys(entries, project["name"])
-    assert commands == app.ELSEWHERE
 
 
 def test_a_run_without_a_person_has_no_measures():

@@ -31,4 +31,4 @@ def test_what_cant_be_drawn_is_refused_before_the_run(monkeypatch, tmp_path):
 
     assert refused("run.gif").endswith("run.gif: a picture's name ends in one of .png, .svg, .pdf")
     assert refused("no/run.png").endswith("no/run.png: no such folder")
-    assert refused("run.png") == "--plot needs Matplotlib: pip install 'mecazen-tools[plot]'"
+    assert refused("run.png") == "--plot needs Matplotlib: pip install 'mecazen[plot]'"

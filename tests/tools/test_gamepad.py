@@ -63,4 +63,4 @@ def test_without_a_gamepad_or_its_library_it_is_said_in_one_line(plug, monkeypat
     monkeypatch.setitem(sys.modules, "pygame", None)
     pad, told = gamepad.find()
     assert pad is None
-    assert told == "keyboard only: a gamepad needs pip install 'mecazen-tools[gamepad]'"
+    assert told == "keyboard only: a gamepad needs pip install 'mecazen[gamepad]'"

@@ -53,8 +53,8 @@ def test_the_containers_of_each_profile_are_the_services_of_its_scenario():
     assert by_profile == {"": back, "teleop": teleop, "lockstep": back}
 
 
-def test_the_architecture_names_the_room_of_every_project():
+def test_the_architecture_names_the_folder_of_every_package():
     text = (ROOT / "docs" / "architecture.md").read_text()
-    for pattern in ("*/pyproject.toml", "services/*/pyproject.toml"):
-        for project in ROOT.glob(pattern):
-            assert f"| `{project.parent.relative_to(ROOT)}/` |" in text
+    for pattern in ("*/mecazen*/", "services/*/mecazen*/"):
+        for package in ROOT.glob(pattern):
+            assert f"| `{package.parent.relative_to(ROOT)}/` |" in text

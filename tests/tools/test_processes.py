@@ -169,7 +169,7 @@ def test_a_line_of_a_process_comes_with_its_name(supervisor):
         ("fails", "fails: the wheel came off"),
         ("crashes", "crashes: ZeroDivisionError: twice"),
         ("quits", "quits: ended with code 7"),
-        ("nobody", "nobody: no such node; installed: "),
+        ("nobody", "nobody: no such node; nodes: "),
     ],
 )
 def test_when_a_process_fails_before_it_ever_worked_expect_its_own_words(

@@ -49,7 +49,7 @@ def create(folder: Path, hosts: Sequence[str] = ()) -> None:
         from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID  # noqa: PLC0415
     except ImportError:
         raise MecazenError(
-            "keys need the library cryptography: pip install 'mecazen-tools[keys]'"
+            "keys need the library cryptography: pip install 'mecazen[keys]'"
         ) from None
 
     places = x509.SubjectAlternativeName([_place(host) for host in (*LOOPBACK, *hosts)])

@@ -71,7 +71,7 @@ def refuse_undrawable(path: Path, option: str) -> None:
     if not path.absolute().parent.is_dir():
         raise ConfigError(f"{option} {path}: no such folder")
     if find_spec("matplotlib") is None:
-        raise MecazenError(f"{option} needs Matplotlib: pip install 'mecazen-tools[plot]'")
+        raise MecazenError(f"{option} needs Matplotlib: pip install 'mecazen[plot]'")
 
 
 def save(figure: Figure, path: Path, option: str = "") -> None:

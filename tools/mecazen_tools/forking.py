@@ -27,8 +27,9 @@ import msgspec
 from mecazen import graph
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
+from mecazen.extras import is_installed
 from mecazen.loading import load_scenario
-from mecazen.programs import installed_nodes
+from mecazen.programs import find
 from mecazen.runtime import __main__ as runtime
 from mecazen.runtime.process import end_with_stdin
 from mecazen.runtime.report import Report, Reporter
@@ -267,11 +268,11 @@ def _end_after(work: Callable[[], None]) -> NoReturn:
 
 def _import(wanted: Sequence[str]) -> None:
     """Import the nodes of services; a fork that needs a node reports its failed import."""
-    table, installed = graph.services(), installed_nodes()
-    for row in (row for name in wanted for row in table.get(name, ())):
-        if row.name in installed and not row.observes:
+    table = graph.services()
+    for row in (row for name in wanted if is_installed(name) for row in table.get(name, ())):
+        if row.program and not row.observes:
             with suppress(Exception):
-                installed[row.name].load()
+                find(row.name, {})
 
 
 def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:

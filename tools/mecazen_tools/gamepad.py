@@ -33,7 +33,7 @@ def find() -> tuple[Callable[[], Twist2D] | None, str]:
         import pygame  # noqa: PLC0415  # an extra
         from pygame._sdl2 import controller  # noqa: PLC0415
     except ImportError:
-        return None, "keyboard only: a gamepad needs pip install 'mecazen-tools[gamepad]'"
+        return None, "keyboard only: a gamepad needs pip install 'mecazen[gamepad]'"
     try:
         pygame.display.init()
         controller.init()

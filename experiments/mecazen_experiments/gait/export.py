@@ -63,7 +63,7 @@ def export(folder: Path, stages: Mapping[str, Stage], about: Mapping[str, Any]) 
     )
     summary = {
         **about,
-        "software": f"mecazen {version('mecazen-experiments')}",
+        "software": f"mecazen {version('mecazen')}",
         "events": "truth: planted feet; others: Zeni et al. 2008, less their mean errors",
         "strike_early_s": STRIKE_EARLY_S,
         "off_late_s": OFF_LATE_S,

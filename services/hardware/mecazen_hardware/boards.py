@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from importlib.metadata import entry_points
+
 from mecazen.config import HardwareConfig
 from mecazen.errors import ConfigError
-from mecazen.programs import installed
 from mecazen.robot import Robot
 
 from mecazen_hardware.board import Board
@@ -22,7 +23,7 @@ def make_board(config: HardwareConfig, robot: Robot) -> Board:
     Raises:
         ConfigError: No such board is installed.
     """
-    known = installed(BOARDS)
+    known = {entry.name: entry for entry in entry_points(group=BOARDS)}
     if config.board not in known:
         names = ", ".join(sorted(known))
         raise ConfigError(f"hardware.board: no board {config.board!r}; installed: {names}")

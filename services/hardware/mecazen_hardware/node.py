@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from mecazen.config import Scenario
 from mecazen.config.physics import MAX_DT_S
 from mecazen.errors import ConfigError, RefusedError
+from mecazen.extras import is_installed
 from mecazen.graph import TABLE
 from mecazen.keys import (
     BATTERY_STATE,
@@ -24,7 +25,7 @@ from mecazen.keys import (
 from mecazen.kinematics import WheelSpeeds
 from mecazen.messages import BatteryState, Header, Imu, JointState, Message, String, Vector3
 from mecazen.node import Inputs, Node, Outputs, Tick, World
-from mecazen.programs import installed_nodes
+from mecazen.programs import find
 from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
 from msgspec.structs import replace
 
@@ -97,10 +98,10 @@ class HardwareWorld(World):
         return {"": outputs}
 
     def answer(self, call: Call[Any, Any], request: Message, robot: str) -> Message:
-        """Return the robot's URDF, which mecazen-physics generates.
+        """Return the robot's URDF, which physics generates.
 
         Raises:
-            RefusedError: mecazen-physics is not installed.
+            RefusedError: The extra of physics is not installed.
         """
         return self._physics().answer(call, request, robot)
 
@@ -112,13 +113,13 @@ class HardwareWorld(World):
             return {}
 
     def _physics(self) -> World:
-        physics = installed_nodes().get("physics")
-        if physics is None:
-            raise RefusedError("the description of the robot is made by mecazen-physics")
+        if not is_installed("physics"):
+            raise RefusedError("the description of the robot needs pip install 'mecazen[physics]'")
         sim = self.scenario.sim  # physics needs a tick of whole steps; the tick here is arbitrary
         within = replace(self.scenario.physics, dt_s=sim.tick_s / math.ceil(sim.tick_s / MAX_DT_S))
-        world: World = physics.load()(replace(self.scenario, physics=within))
-        return world
+        physics = find("physics", {})
+        assert issubclass(physics, World)
+        return physics(replace(self.scenario, physics=within))
 
     def diagnostics(self) -> Mapping[str, object]:
         """Return the state of the link and of the board."""

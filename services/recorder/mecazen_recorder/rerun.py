@@ -18,7 +18,7 @@ def converter() -> Path:
     """
     command = Path(sysconfig.get_path("scripts")) / "rerun"
     if not command.exists():
-        raise RecordingError("--rrd needs Rerun: pip install 'mecazen-recorder[rerun]'")
+        raise RecordingError("--rrd needs Rerun: pip install 'mecazen[viewer]'")
     return command
 
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from contextlib import closing
 from functools import partial
-from importlib.metadata import entry_points
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,6 +16,7 @@ import rerun.blueprint as rrb
 from mecazen.bus import LocalBus
 from mecazen.description import serve_description
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.extras import is_installed
 from mecazen.files import open_regular
 from mecazen.wire import RefusedError
 
@@ -67,11 +68,9 @@ def draw(file: Path, folder: Path) -> list[Path]:
     Raises:
         MecazenError: The file is of another kind, or lacks the configuration of its run.
     """
-    entries = entry_points(group="mecazen.recordings")
-    reader = next((one.load() for one in entries if f".{one.name}" == file.suffix), None)
-    if reader is None:
-        raise MecazenError(f"{file}: the reader of {file.suffix} is not installed")
-    recording = reader(file)  # a `mecazen_recorder.reader.Recording`
+    if not is_installed("recorder"):
+        raise MecazenError(f"{file}: its reader needs pip install 'mecazen[recorder]'")
+    recording = import_module("mecazen_recorder.reader").Recording(file)
     bus = LocalBus()
     for robot, description in recording.descriptions().items():
         serve_description(bus, robot, description)

@@ -115,7 +115,7 @@ class ViewerService(Observer):
             return Viewer(recording=self.recording, blueprint=blueprint(self.scenario.names))
         except ImportError:
             problem = "a notebook shows the run with Rerun's widget"
-            raise MecazenError(f"{problem}: pip install 'mecazen-viewer[notebook]'") from None
+            raise MecazenError(f"{problem}: pip install 'mecazen[notebook]'") from None
 
     def show(
         self,

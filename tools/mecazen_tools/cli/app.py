@@ -7,8 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from importlib import metadata
-from importlib.metadata import entry_points
+from importlib import import_module, metadata
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +16,7 @@ import typer
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.explain import one_line
+from mecazen.extras import is_installed
 from mecazen.files import to_value
 from mecazen.loading import scenario_path, to_toml
 from mecazen.runtime import __main__ as runtime
@@ -37,11 +37,23 @@ from mecazen_tools.simulate import (
 from mecazen_tools.trajectory import Scores, Trajectory
 
 RECORDER = "recorder"
-ELSEWHERE = {
-    **dict.fromkeys(("experiment", "identify", "gait"), "mecazen-experiments"),
-    "bench": "mecazen-bench",
+EXTRAS = {
+    "hardware": {"hardware": "mecazen_hardware.cli:app"},
+    "recorder": {
+        "record": "mecazen_recorder.cli:record",
+        "replay": "mecazen_recorder.cli:replay",
+        "info": "mecazen_recorder.cli:info",
+        "plot": "mecazen_recorder.cli:plot",
+    },
+    "viewer": {"view": "mecazen_viewer.cli:view"},
+    "studies": {
+        "experiment": "mecazen_experiments.cli:app",
+        "identify": "mecazen_experiments.identify.cli:identify",
+        "gait": "mecazen_experiments.gait.cli:gait",
+    },
+    "bench": {"bench": "mecazen_bench.cli:app"},
 }
-"""Optional projects that provide a command."""
+"""Commands of extras: a function or a group of commands, by extra and by name."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a full disk."""
 
@@ -77,13 +89,14 @@ app.command()(status.status)
 app.command()(talk.echo)
 app.command()(talk.pub)
 app.command()(teleop.teleop)
-for entry in entry_points(group="mecazen.commands"):
-    # other installed packages provide their own commands: one, or a group of them
-    command = entry.load()
-    if isinstance(command, typer.Typer):
-        app.add_typer(command, name=entry.name)
-    else:
-        app.command(entry.name)(command)
+for extra in filter(is_installed, EXTRAS):
+    for name, place in EXTRAS[extra].items():
+        module, _, attribute = place.partition(":")
+        command = getattr(import_module(module), attribute)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name)(command)
 
 
 app.command()(up.up)
@@ -372,8 +385,8 @@ def _usage_error(error: typer.TyperException) -> str:
     if context and context.command_path.endswith(" run") and told.startswith("Missing"):
         hint = "; `run` starts one process, as in `mecazen run physics back`; `mecazen up back` "
         hint += "and `mecazen simulate back` start all of them"
-    for name, project in ELSEWHERE.items():
+    for extra, name in ((extra, name) for extra, names in EXTRAS.items() for name in names):
         if told.startswith(f"No such command '{name}'"):
             told = f"No such command '{name}'"
-            hint = f"; it comes with {project}, or with `make develop`"
+            hint = f"; it needs pip install 'mecazen[{extra}]'"
     return f"error: {told}{hint}\n"

@@ -25,11 +25,12 @@ from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
 from mecazen.config.viewer import ViewerConfig
 from mecazen.errors import BusError, ConfigError
+from mecazen.extras import is_installed
 from mecazen.files import to_value
 from mecazen.graph import GRAPH, OBSERVERS, WORLDS, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.messages import DiagnosticArray
-from mecazen.programs import graph_of, installed_nodes, refuse_missing
+from mecazen.programs import graph_of, refuse_missing
 from mecazen.robots import join_key
 from mecazen.row import Row
 from mecazen.wire import NS_PER_S, Stamp
@@ -87,10 +88,10 @@ def up(
     Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
     """
     path, overrides = scenario_path(scenario), tuple(settings or ())
-    shown = not no_viewer and VIEWER in installed_nodes()
+    shown = not no_viewer and is_installed(VIEWER)
     if viewer == "native" and not no_viewer:
         if not shown:
-            raise ConfigError("--viewer native: the viewer is not installed")
+            raise ConfigError("--viewer native: pip install 'mecazen[viewer]'")
         overrides = (*overrides, "viewer.native=true")
     if ros2:
         overrides = (*overrides, "bus.ros2=true")
