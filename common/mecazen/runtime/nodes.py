@@ -33,7 +33,7 @@ def mapping(name: str, outputs: object) -> Outputs:
     if not isinstance(outputs, Mapping):
         kind = type(outputs).__name__
         raise NodeError(f"{name}: step must return a mapping of topics to messages, got {kind}")
-    return outputs
+    return cast(Outputs, outputs)
 
 
 class Hosted:
