@@ -175,7 +175,8 @@ def fuzz(
 ) -> None:
     """Drive a guarded robot at random among things and a person, and count what it touches.
 
-    Each simulated minute is another room. It fails if the robot touches anything.
+    Each simulated minute is another room. It fails if the robot touches an obstacle or
+    drives at the person when they touch.
     Finished minutes are kept: after Ctrl-C the same command continues from there.
     """
     from mecazen_experiments import commands  # noqa: PLC0415

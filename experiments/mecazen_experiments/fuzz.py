@@ -15,7 +15,7 @@ import numpy as np
 from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
-from mecazen.geometry import Pose2D, Twist2D, to_rectangle, wrap
+from mecazen.geometry import Pose2D, Twist2D, to_rectangle
 from mecazen.graph import TABLE
 from mecazen.keys import (
     CMD_VEL,
@@ -39,7 +39,7 @@ from mecazen_tools.simulate import InProcess
 
 from mecazen_experiments.config import Settings
 from mecazen_experiments.freezes import freeze
-from mecazen_experiments.gaps import gap_to_obstacle, to_outline
+from mecazen_experiments.gaps import drives_at, gap_to_obstacle, onsets, to_outline
 from mecazen_experiments.jobs import Job, Key, fingerprint, version
 from mecazen_experiments.report import Kind, Record
 from mecazen_experiments.run import Samples, collect
@@ -63,8 +63,6 @@ COMMAND_TICKS = 5
 """Number of ticks between commands to the robot: 20 Hz."""
 FOOT_M = 0.04
 """Radius around each joint of the feet [m]."""
-AWAY = math.radians(70.0)
-"""Maximum angle between the person's walk and the direction straight away from the robot."""
 FASTEST_M_S, FASTEST_RAD_S = 2.5, 4.0
 """Limits of the commands; the wheels reach less."""
 
@@ -105,7 +103,10 @@ class Episode(msgspec.Struct, frozen=True):
     """The scores of a minute."""
 
     contacts: int
-    """Number of times at which the outline began to touch anything."""
+    """Number of contacts with people that the robot caused, see `gaps.drives_at`, and with
+    obstacles."""
+    contacts_all: int
+    """Number of all contacts."""
     least_gap_m: float
     driven_m: float
     held: float
@@ -136,13 +137,16 @@ def _measure(job: Job, *, freezes: bool) -> tuple[Episode, str]:
         samples = collect(run, *topics, drive=rider.drive)
         sha256 = run.trajectory.sha256()
     truth, person, bodies, guarded = samples.values()
-    gaps = _gaps(scenario, truth, person, bodies)
-    touches = np.concatenate(([False], gaps <= 0.0))
+    gaps, ahead, walls = _gaps(scenario, truth, person, bodies)
+    every = np.fmin(gaps, walls)
+    begins = onsets(gaps)
+    caused = int(np.sum(drives_at(gaps, ahead, scenario.sim.tick_s)[begins]))
     held = {state.header.stamp.ns: state.factor < 1.0 for state in reversed(guarded)}
     places = [odom.pose.pose.to_planar() for odom in truth]
     episode = Episode(
-        int(np.sum(touches[1:] & ~touches[:-1])),
-        float(gaps.min()),
+        caused + len(onsets(walls)),
+        len(begins) + len(onsets(walls)),
+        float(every.min()),
         sum(after.distance(before) for before, after in pairwise(places)),
         sum(held.values()) / scenario.sim.ticks,
     )
@@ -154,11 +158,16 @@ def _gaps(
     truth: Sequence[m.Odometry],
     person: Sequence[m.Odometry],
     bodies: Sequence[m.Skeleton],
-) -> Floats:
-    """Return the robot's gap to the nearest person or obstacle (n) [m]; 0 or less in contact."""
+) -> tuple[Floats, Floats, Floats]:
+    """Return the gaps (n) [m] to the person, now and after the robot's next move, and to obstacles.
+
+    They are 0 or less in contact.
+    """
     robot = scenario.robot
     poses = Poses(*np.array([odom.pose.pose.to_planar() for odom in truth]).T)
-    found = [gap_to_obstacle(robot, poses, thing) for thing in scenario.world.obstacles]
+    later = Poses(*(np.append(column[1:], column[-1]) for column in poses))
+    walls = [gap_to_obstacle(robot, poses, thing) for thing in scenario.world.obstacles]
+    to_person: list[list[Floats]] = [[], []]
     centres = [[odom.pose.pose.to_planar()[:2]] for odom in person]
     feet = [[(body.joints[n].x, body.joints[n].y) for n in FEET] for body in bodies]
     for samples, points, radius in (
@@ -168,9 +177,10 @@ def _gaps(
         # a moving robot is compared with the person's position a tick ago
         at = np.searchsorted(_times(samples), _times(truth)) - 1
         around = np.array([np.full_like(points[0], np.nan), *points])[at + 1]
-        found += list((to_outline(poses, robot.footprint, around) - radius).T)
-    nearest: Floats = np.fmin.reduce(found)
-    return nearest
+        for found, of in zip(to_person, (poses, later), strict=True):
+            found += list((to_outline(of, robot.footprint, around) - radius).T)
+    now, ahead = (np.fmin.reduce(found) for found in to_person)
+    return now, ahead, np.fmin.reduce(walls)
 
 
 def _times(samples: Sequence[Any]) -> list[int]:
@@ -196,7 +206,8 @@ def tell(done: Iterable[Record[Episode]]) -> str:
         f"{len(done)} min, {sum(one.driven_m for one in scores):.0f} m driven, held "
         f"{sum(one.held for one in scores) / len(done):.0%} of the time, least gap "
         f"{min(one.least_gap_m for one in scores):.3f} m, "
-        f"contacts {contacts}, at most {most_per_hour(contacts, len(done) / 60.0):.1f} per hour"
+        f"contacts {sum(one.contacts_all for one in scores)}, {contacts} of them caused by the "
+        f"robot, at most {most_per_hour(contacts, len(done) / 60.0):.1f} per hour"
     ) + (f" with seeds {', '.join(touched)}" if touched else "")
 
 
@@ -271,7 +282,7 @@ class _Rider:
         is_frozen = (tick - 1) * self._tick_s > seen_s + ROUNDING_S
         if is_frozen:  # otherwise the person would jump afterwards
             self._speed = 0.0
-        walk = m.Twist() if is_frozen else m.Twist.planar(self.walk(tick, robot, person))
+        walk = m.Twist() if is_frozen else m.Twist.planar(self.walk(tick, person))
         return put | {TARGET_CMD_VEL.key: encode(walk, "json")}
 
     def _is_free(self, x: float, y: float) -> bool:
@@ -306,18 +317,16 @@ class _Rider:
             return Twist2D(x=made.x)
         return made._replace(yaw=0.3 * made.yaw)
 
-    def walk(self, tick: int, robot: Pose2D, person: Pose2D) -> Twist2D:
+    def walk(self, tick: int, person: Pose2D) -> Twist2D:
         """Return the twist of the person in a tick."""
         if tick >= self._person_until:
             self._person_until = tick + int(self._random.integers(100, 400))
             speed = float(self._random.uniform(0.3, 1.8)) * bool(self._random.integers(2))
             self._wanted = Twist2D(x=speed, yaw=float(self._random.uniform(-1.0, 1.0)))
-        from_robot = math.atan2(person.y - robot.y, person.x - robot.x)
         c, s = math.cos(person.yaw), math.sin(person.yaw)
         ahead = all(self._is_free(person.x + d * c, person.y + d * s) for d in (0.3, 0.6, 0.9))
-        walks = ahead and abs(wrap(from_robot - person.yaw)) < AWAY
-        step = BRAKING_M_S2 * 0.01
-        wanted = self._wanted.x if walks else 0.0
+        step = BRAKING_M_S2 * self._tick_s
+        wanted = self._wanted.x if ahead else 0.0
         self._speed += min(max(wanted - self._speed, -step), step)
         return Twist2D(x=self._speed, yaw=0.0 if self._speed else self._wanted.yaw)
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import to_rectangle
@@ -34,6 +35,14 @@ def drives_at(before: Floats, after: Floats, step_s: float) -> Bools:
     """
     with np.errstate(invalid="ignore"):
         return (before - after) / step_s > CAUSED_M_S
+
+
+def onsets(gap: Floats) -> npt.NDArray[np.int64]:
+    """Return the begins of contacts: the sample before the first sample of each contact."""
+    touching = gap <= 0.0
+    begins = np.flatnonzero(touching & ~np.concatenate(([False], touching[:-1])))
+    onsets: npt.NDArray[np.int64] = np.maximum(begins - 1, 0)
+    return onsets
 
 
 def height_of(robot: Robot) -> float:

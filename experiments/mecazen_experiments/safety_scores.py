@@ -7,14 +7,19 @@ from collections.abc import Sequence
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 from mecazen.config import Scenario, WorldConfig
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.standoff import Standoff
 
-from mecazen_experiments.gaps import drives_at, gap_to_obstacle, gap_to_person, height_of
+from mecazen_experiments.gaps import (
+    drives_at,
+    gap_to_obstacle,
+    gap_to_person,
+    height_of,
+    onsets,
+)
 from mecazen_experiments.scores import first_motion, score
 from mecazen_experiments.table import Bools, Floats
 from mecazen_experiments.watch import PELVIS, PersonOverTime, Watched
@@ -76,13 +81,13 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
     following = score(seen.table, standoff).whole
     return Safety(
         contacts_person=_caused(robot, seen, seen.person, to_person),
-        contacts_person_all=len(_onsets(to_person)),
+        contacts_person_all=len(onsets(to_person)),
         contacts_others=sum(
             _caused(robot, seen, body, gap)
             for body, gap in zip(seen.others, to_others, strict=True)
         ),
-        contacts_others_all=sum(len(_onsets(gap)) for gap in to_others),
-        contacts_world=len(_onsets(to_world)),
+        contacts_others_all=sum(len(onsets(gap)) for gap in to_others),
+        contacts_world=len(onsets(to_world)),
         gap_person_m=_least(to_person),
         gap_others_m=_least(np.array(to_others)),
         gap_world_m=_least(to_world),
@@ -113,22 +118,14 @@ def _caused(robot: Robot, seen: Watched, body: PersonOverTime, gap: Floats) -> i
     The robot drives at the person if its move to its pose one sample later closes the gap, see
     `gaps.drives_at`.
     """
-    onsets = _onsets(gap)
-    if not len(onsets):
+    begins = onsets(gap)
+    if not len(begins):
         return 0
     later = seen.robot._replace(
         **{name: np.append(column[1:], column[-1]) for name, column in seen.robot._asdict().items()}
     )
     step = float(np.mean(np.diff(seen.t)))
-    return int(np.sum(drives_at(gap, gap_to_person(robot, later, *body), step)[onsets]))
-
-
-def _onsets(gap: Floats) -> npt.NDArray[np.int64]:
-    """Return the begins of contacts: the sample before the first sample of each contact."""
-    touching = gap <= 0.0
-    begins = np.flatnonzero(touching & ~np.concatenate(([False], touching[:-1])))
-    onsets: npt.NDArray[np.int64] = np.maximum(begins - 1, 0)
-    return onsets
+    return int(np.sum(drives_at(gap, gap_to_person(robot, later, *body), step)[begins]))
 
 
 def _in_conflict(seen: Watched, gaps: Sequence[Floats], step: float) -> Bools:
