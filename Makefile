@@ -101,7 +101,7 @@ develop: .venv/developer
 
 .venv-base/ready: constraints.txt pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-base,1/2)
-	@$(call install,.venv-base,2/2,the base alone,-e '.[maps]' --group test)
+	@$(call install,.venv-base,2/2,the base alone,-e '.[ros2,maps]' --group test)
 	@touch $@
 
 $(PARTS:%=.venv-%/ready): .venv-%/ready: constraints.txt pyproject.toml | .venv-pip/ready

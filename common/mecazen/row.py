@@ -76,8 +76,6 @@ class Row:
     name: str
     summary: str = ""
     """Purpose of the node, in a few words."""
-    program: str = ""
-    """Class of the node in this distribution, as `module:Class`; a user node has none."""
     inputs: tuple[Input, ...] = ()
     outputs: tuple[Topic[Any], ...] = ()
     """Topics that it publishes, in this order."""
@@ -102,6 +100,8 @@ class Row:
     """Feature of a scenario that the node requires; see `Scenario.features`."""
     offers: Mapping[str, str] = field(default_factory=dict)
     """Features that outputs require, by output key."""
+    program: str = ""
+    """Class of the node in this distribution, as `module:Class`; a user node has none."""
 
     def __post_init__(self) -> None:
         """Check the fields, since users write rows too.
