@@ -8,6 +8,7 @@ USED = $(or $(shell for one in $(or $(PYTHON),$(PYTHONS)); do $(RUNS) && echo $$
 RUNS = $$one -c '$(USABLE)' 2>/dev/null
 SERVICES := $(notdir $(wildcard services/*))
 # tests of these parts run with the base and their extras alone: what is not declared is not found
+EXTRA_base := ros2,maps
 EXTRA_hardware := hardware,physics,follower
 EXTRA_recorder := recorder,plot
 EXTRA_tools := ros2,keys,plot
@@ -101,7 +102,7 @@ develop: .venv/developer
 
 .venv-base/ready: constraints.txt pyproject.toml | .venv-pip/ready
 	@$(call make_venv,.venv-base,1/2)
-	@$(call install,.venv-base,2/2,the base alone,-e '.[ros2,maps]' --group test)
+	@$(call install,.venv-base,2/2,the base,-e '.[$(EXTRA_base)]' --group test)
 	@touch $@
 
 $(PARTS:%=.venv-%/ready): .venv-%/ready: constraints.txt pyproject.toml | .venv-pip/ready
