@@ -57,7 +57,7 @@ def test_make_takes_the_first_python_that_runs_and_is_in_range(make_venv, python
 
 def test_the_environment_has_pip_for_extras(make_venv):
     done = make_venv(python3_13=REAL)
-    assert re.search(r"--python \.venv/bin/python install .* pip -e \./common", done.stdout)
+    assert re.search(r"--python \.venv/bin/python install .* pip -e '\.\[all\]'", done.stdout)
 
 
 def test_make_takes_the_python_that_is_named(make_venv):

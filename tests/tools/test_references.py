@@ -20,7 +20,7 @@ def test_a_setting_shows_default_range_and_docstring():
 
 
 def test_a_setting_without_a_default_is_required_or_none():
-    assert "| `base.mass_kg` | required, > 0 |  |" in chapter("robot")
+    assert "| `base.mass_kg` | required, > 0 and ≤ 2000 |  |" in chapter("robot")
     assert "| `counts_per_turn` | none, > 0 |" in chapter("hardware")
 
 
