@@ -17,7 +17,7 @@ from mecazen.bus.base import decode_sample
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.loading import load_scenario
 from mecazen.messages import Message
-from mecazen.wire import ENCODINGS, JSON_ENCODING, MAX_SAMPLE_BYTES, RefusedError, decode, encode
+from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, RefusedError, decode, encode
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
 
@@ -27,14 +27,12 @@ TOKEN = re.compile(rb'"[^"]*"|[-+.\w]+')
 ODD = (
     b"null", b"true", b'"1"', b"{}", b"[[]]", b'{"x":1}', b"-1", b"2147483648", b"1.5", b"NaN",
     b"-Infinity", b"1e999", b"9" * 400, b"0x10", b".5", b"[0,1]", b'"\\ud7ff"', b"\xff", b"\xc0",
-    b"[" * 5000, b'{"header":' * 5000, b'{"linear":[' * 2000, b"\x91" * 5000, b"\x81\xa1a" * 5000,
-    b"\xff" * 4, b"\xf0\x7f",
-    b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\x81\xd9\xff", b"\x81\xa6header" * 3000,
-    b" " * MAX_SAMPLE_BYTES,
+    b"[" * 5000, b'{"header":' * 5000, b'{"linear":[' * 2000,
+    b"\xff" * 4, b"\xf0\x7f", b"\xdd\xff\xff\xff\xff", b" " * MAX_SAMPLE_BYTES,
 )  # fmt: skip
-"""Wrong values, NaN, no UTF-8, deep nesting in JSON, MessagePack and CDR, too much."""
+"""Wrong values, NaN, no UTF-8, deep nesting in JSON and CDR, too much."""
 LABELS = (
-    "", *ENCODINGS.values(), "application/cdr", "text/json", "text/plain", "zenoh/bytes",
+    "", JSON_ENCODING, "application/cdr", "text/json", "text/plain", "zenoh/bytes",
     "application/json;é", "\x00", "/", "a" * 200,
 )  # fmt: skip
 CALLS = {call.key: call for call in keys.CALLS}
@@ -76,8 +74,7 @@ def malformed(good: Good) -> Iterator[Put]:
     """Damage good messages for ever; those that happen to stay valid are skipped."""
     chance = random.Random(SEED)
     payloads = {
-        key: [encode(message, form) for message in messages for form in ENCODINGS]
-        for key, messages in sorted(good.items())
+        key: [encode(message) for message in messages] for key, messages in sorted(good.items())
     }
     while True:
         key = chance.choice(list(payloads))
@@ -126,9 +123,7 @@ class Intruder:
         self._session = open_session()
         self._random = random.Random(SEED)
         self._malformed = malformed(good)
-        self._good = [
-            (key, encode(m, f)) for key, of in good.items() for m in of for f in ENCODINGS
-        ]
+        self._good = [(key, encode(m)) for key, of in good.items() for m in of]
         self._puts = [(key, payload) for key, payload in self._good if key not in CALLS]
         self._tokens: list[Any] = []
         self._asked: deque[tuple[Any, bool]] = deque()

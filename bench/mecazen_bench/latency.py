@@ -148,7 +148,7 @@ def drive(scenario: Scenario, puts: int) -> list[float | None]:
             # backwards: away from the person
             twist = Twist.planar(Twist2D(x=-SPEED - number * SPEED_STEP))
             begin = time.perf_counter()
-            bus.put_bytes(keys.CMD_VEL.key, encode(twist, "json"), JSON_ENCODING)
+            bus.put_bytes(keys.CMD_VEL.key, encode(twist), JSON_ENCODING)
             while number not in answers:
                 left_s = begin + timeout_s - time.perf_counter()
                 if left_s <= 0.0:

@@ -1,4 +1,4 @@
-"""Encoding and decoding: messages as JSON or MessagePack, and the stamp attached to samples.
+"""Encoding and decoding: messages as JSON, and the stamp attached to samples.
 
 With the extra `ros2`, ROS 2's CDR is decoded as well.
 """
@@ -10,7 +10,7 @@ from codecs import BOM_UTF8
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import import_module
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import msgspec
 
@@ -18,8 +18,6 @@ from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire
 from mecazen.extras import is_installed
 from mecazen.messages import LaserScan, Message, MessageT, Time, Twist, finite_scan
 from mecazen.text import shortened
-
-Format = Literal["json", "msgpack"]
 
 NS_PER_S = 10**9
 MAX_PAYLOAD_BYTES = 6 << 20
@@ -35,22 +33,16 @@ served as files, and samples on other keys, may be longer than a payload of the 
 MAX_TIME_NS = 2**31 * 10**9 - 1
 """The latest time that a message's `Time` can represent [ns]."""
 JSON_ENCODING = "application/json"
-MSGPACK_ENCODING = "application/msgpack"
 CDR_ENCODING = "application/cdr"
-ENCODINGS: dict[Format, str] = {"json": JSON_ENCODING, "msgpack": MSGPACK_ENCODING}
 
 STAMPED: Mapping[type[Message], str] = {Twist: "twist"}
 """Messages that are accepted as a part of ROS's stamped message too, with the name of that part."""
 
 _STAMP = struct.Struct("<qII")
 _REVISED = struct.Struct("<qIII")
-_JSON = msgspec.json.Encoder()
-_MSGPACK = msgspec.msgpack.Encoder()
-_FIELDS: dict[str, Callable[[bytes | msgspec.Raw], dict[str, msgspec.Raw]]] = {
-    "json": msgspec.json.Decoder(dict[str, msgspec.Raw]).decode,
-    "msgpack": msgspec.msgpack.Decoder(dict[str, msgspec.Raw]).decode,
-}
-"""Functions that return the fields of an object as they are, by format."""
+_ENCODER = msgspec.json.Encoder()
+_fields_of = msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
+"""Return the fields of an object as they are."""
 
 
 class Stamp(NamedTuple):
@@ -100,19 +92,18 @@ class Stamp(NamedTuple):
         return stamp
 
 
-def encode(message: Message, form: Format) -> bytes:
-    """Return `message` as bytes.
+def encode(message: Message) -> bytes:
+    """Return `message` as JSON.
 
-    >>> encode(Time(sec=1, nanosec=500), "json")
+    >>> encode(Time(sec=1, nanosec=500))
     b'{"sec":1,"nanosec":500}'
     """
-    return (_JSON if form == "json" else _MSGPACK).encode(message)
+    return _ENCODER.encode(message)
 
 
 @cache
-def _decoder(kind: Any, form: str) -> Callable[[bytes | msgspec.Raw], Any]:
-    made = msgspec.json.Decoder if form == "json" else msgspec.msgpack.Decoder
-    return made(kind).decode
+def _decoder(kind: Any) -> Callable[[bytes | msgspec.Raw], Any]:
+    return msgspec.json.Decoder(kind).decode
 
 
 @cache
@@ -127,7 +118,7 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     Args:
         payload: The bytes as received.
         kind: The type of message that the key carries.
-        encoding: Zenoh's encoding; if it names no format, the first byte decides.
+        encoding: Zenoh's encoding.
 
     >>> decode(b'{"sec": 1}', Time)
     Time(sec=1, nanosec=0)
@@ -141,28 +132,27 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise RefusedError(f"payload of {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} allowed")
     try:
-        form = format_of(payload, encoding)
-        if form == CDR_ENCODING:
+        if is_cdr(payload, encoding):
             return cast(MessageT, _cdr_decoder()(payload, kind))
-        return cast(MessageT, _decoded(payload.removeprefix(BOM_UTF8), kind, form))
+        return cast(MessageT, _decoded(payload.removeprefix(BOM_UTF8), kind))
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
 
 
-def _decoded(payload: bytes, kind: type[Message], form: str) -> Message:
+def _decoded(payload: bytes, kind: type[Message]) -> Message:
     try:
-        message: Message = _decoder(kind, form)(payload)
+        message: Message = _decoder(kind)(payload)
     except msgspec.ValidationError:
         if kind is not LaserScan:
             raise
-        scan = _decoder(dict[str, Any], form)(payload)
+        scan = _decoder(dict[str, Any])(payload)
         return msgspec.convert(finite_scan(scan), LaserScan)
     if message == _blank(kind):  # because its fields are zero, or because they are misspelt
         content: bytes | msgspec.Raw = payload
-        if (part := STAMPED.get(kind)) and part in (fields := _FIELDS[form](payload)):
+        if (part := STAMPED.get(kind)) and part in (fields := _fields_of(payload)):
             content = fields[part]
-            message = _decoder(kind, form)(content)
-        if unknown := _unknown(content, message, form):
+            message = _decoder(kind)(content)
+        if unknown := _unknown(content, message):
             allowed = ", ".join(message.__struct_fields__)
             raise RefusedError(
                 f"not a {kind.ROS_TYPE}: it has only {', '.join(unknown[:5])}; allowed: {allowed}"
@@ -170,13 +160,13 @@ def _decoded(payload: bytes, kind: type[Message], form: str) -> Message:
     return message
 
 
-def _unknown(payload: bytes | msgspec.Raw, message: msgspec.Struct, form: str) -> list[str]:
+def _unknown(payload: bytes | msgspec.Raw, message: msgspec.Struct) -> list[str]:
     """Return the names of an object's fields if none of them is a field of the message."""
-    fields = _FIELDS[form](payload) if message.__struct_fields__ else {}
+    fields = _fields_of(payload) if message.__struct_fields__ else {}
     names: list[str] = []
     for name, value in fields.items():
         field = getattr(message, name, None) if name in message.__struct_fields__ else name
-        below = _unknown(value, field, form) if isinstance(field, msgspec.Struct) else []
+        below = _unknown(value, field) if isinstance(field, msgspec.Struct) else []
         if field is not name and not below:
             return []
         names += [f"{shortened(name)}.{other}" for other in below] or [shortened(name)]
@@ -190,27 +180,6 @@ def _cdr_decoder() -> Callable[[bytes, type[Message]], Any]:
     return cast(Callable[[bytes, type[Message]], Any], import_module("mecazen_ros.cdr").decode)
 
 
-def format_of(payload: bytes, encoding: str) -> str:
-    """Return a payload's format, or its encoding if that is CDR.
-
-    The encoding decides; if it names no format, the first byte does.
-
-    Raises:
-        RefusedError: The first byte fits no format.
-    """
-    media = encoding.partition(";")[0]
-    if media in (JSON_ENCODING, "text/json"):
-        return "json"
-    if media == MSGPACK_ENCODING:
-        return "msgpack"
-    if media == CDR_ENCODING:
-        return media
-    first = payload[0]
-    if first == 0x7B or first in b" \t\r\n" or payload.startswith(BOM_UTF8):
-        return "json"
-    if payload[:2] in (b"\x00\x00", b"\x00\x01") and len(payload) >= 4:  # from a bridge to DDS
-        return CDR_ENCODING
-    # MessagePack begins a map, and every message is a map, in one of these three ways
-    if 0x80 <= first <= 0x8F or first in (0xDE, 0xDF):
-        return "msgpack"
-    raise RefusedError(f"neither JSON, MessagePack nor CDR: first byte 0x{first:02x}")
+def is_cdr(payload: bytes, encoding: str) -> bool:
+    """Return whether a payload is CDR by its encoding or its header, with which no JSON begins."""
+    return encoding.partition(";")[0] == CDR_ENCODING or payload[:2] in (b"\0\0", b"\0\1")

@@ -277,13 +277,13 @@ class _Rider:
         robot, person = (odometry[-1].pose.pose.to_planar() for odometry in seen)
         put = {}
         if tick % COMMAND_TICKS == 0 and self._commands:
-            put[CMD_VEL.key] = encode(m.Twist.planar(self.command(tick, robot, person)), "json")
+            put[CMD_VEL.key] = encode(m.Twist.planar(self.command(tick, robot, person)))
         seen_s = samples[TARGET_ODOM.key][-1].header.stamp.ns / 1e9
         is_frozen = (tick - 1) * self._tick_s > seen_s + ROUNDING_S
         if is_frozen:  # otherwise the person would jump afterwards
             self._speed = 0.0
         walk = m.Twist() if is_frozen else m.Twist.planar(self.walk(tick, person))
-        return put | {TARGET_CMD_VEL.key: encode(walk, "json")}
+        return put | {TARGET_CMD_VEL.key: encode(walk)}
 
     def _is_free(self, x: float, y: float) -> bool:
         """Return whether a person can stand at a point, clear of obstacles."""

@@ -97,7 +97,7 @@ def run_bus(bus: Bus) -> None:
         pass
 
 
-@pytest.fixture(params=["local", "zenoh", "zenoh msgpack"])
+@pytest.fixture(params=["local", "zenoh"])
 def pair(request):
     with ExitStack() as stack:
         if request.param == "local":
@@ -106,8 +106,7 @@ def pair(request):
             yield Pair(bus, bus)
         else:
             open_one = request.getfixturevalue("open_bus")
-            form = "msgpack" if "msgpack" in request.param else "json"
-            yield Pair(open_one(format=form), open_one(format=form))
+            yield Pair(open_one(), open_one())
 
 
 @pytest.fixture

@@ -120,22 +120,20 @@ def test_every_message_says_its_ros_type_or_that_it_has_none():
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-@pytest.mark.parametrize("payload", [b"{}", b"\x80"])
-def test_when_everything_is_missing_expect_the_defaults(kind, payload):
-    assert decode(payload, kind) == kind()
+def test_when_everything_is_missing_expect_the_defaults(kind):
+    assert decode(b"{}", kind) == kind()
 
 
-@pytest.mark.parametrize("form", ["json", "msgpack"])
 @given(message=st.one_of(twists, odometries, joint_states, observations))
-def test_what_comes_back_from_the_wire_is_equal_to_the_last_bit(form, message):
-    assert bits(decode(encode(message, form), type(message))) == bits(message)
+def test_what_comes_back_from_the_wire_is_equal_to_the_last_bit(message):
+    assert bits(decode(encode(message), type(message))) == bits(message)
 
 
 @given(st.integers(0, 2**31 * 10**9 - 1))
 def test_a_time_in_nanoseconds_round_trips(time_ns):
     time = messages.Time.from_ns(time_ns)
     assert time.ns == time_ns
-    assert decode(encode(time, "json"), messages.Time) == time
+    assert decode(encode(time), messages.Time) == time
 
 
 @given(st.floats(-math.pi, math.pi), finite, finite)

@@ -1,6 +1,5 @@
 """Bytes become the message that their key carries, or are refused; nothing else happens."""
 
-import math
 import struct
 import subprocess
 import sys
@@ -15,7 +14,6 @@ from mecazen import messages as m
 from mecazen.wire import (
     JSON_ENCODING,
     MAX_PAYLOAD_BYTES,
-    MSGPACK_ENCODING,
     RefusedError,
     Stamp,
     decode,
@@ -31,10 +29,6 @@ KINDS = sorted(
 )
 
 
-def packed(value):
-    return msgspec.msgpack.encode(value)
-
-
 @pytest.mark.parametrize(
     "payload",
     [
@@ -42,29 +36,13 @@ def packed(value):
         b'{"linear":{"x":0.2}}\n',
         b'{"linear":{"x":0.2}}\r\n',
         b' \t\r\n{"linear": {"x": 2e-1}}',
-        packed({"linear": {"x": 0.2}}),
     ],
 )
-@pytest.mark.parametrize("encoding", ["", "zenoh/bytes", "text/plain"])
-def test_a_part_of_a_message_without_a_telling_encoding_is_a_whole_message(payload, encoding):
-    assert decode(payload, m.Twist, encoding) == FORWARD
-
-
 @pytest.mark.parametrize(
-    ("encoding", "form"),
-    [
-        (JSON_ENCODING, "json"),
-        ("application/json;charset=utf-8", "json"),
-        ("text/json", "json"),
-        (MSGPACK_ENCODING, "msgpack"),
-    ],
+    "encoding", ["", "zenoh/bytes", "text/plain", "text/json", f"{JSON_ENCODING};charset=utf-8"]
 )
-def test_the_encoding_is_believed_before_the_first_bytes(encoding, form):
-    payloads = {name: encode(FORWARD, name) for name in ("json", "msgpack")}
-    assert decode(payloads.pop(form), m.Twist, encoding) == FORWARD
-    for other in payloads.values():
-        with pytest.raises(RefusedError):
-            decode(other, m.Twist, encoding)
+def test_a_part_of_a_message_is_a_whole_message_whatever_json_is_called(payload, encoding):
+    assert decode(payload, m.Twist, encoding) == FORWARD
 
 
 def test_an_encoding_of_a_package_that_is_not_installed_is_refused_by_its_name(monkeypatch):
@@ -84,42 +62,27 @@ def test_a_bus_imports_nothing_of_ros():
     assert not [name for name in found if name.startswith(("mecazen_ros", "rosbags", "numpy"))]
 
 
-@pytest.mark.parametrize("size", [0, 15, 16, 0x10000])
-def test_each_way_in_which_messagepack_begins_a_map_is_known(size):
-    more = {f"field {i}": i for i in range(size)}
-    payload = packed({**more, "linear": {"x": 0.2}})
-    assert payload[0] in {0x81, 0xDE, 0xDF}
-    assert decode(payload, m.Twist) == FORWARD
-
-
 REFUSED = {
     "empty": (b"", m.Twist),
-    "truncated MessagePack": (packed({"linear": {"x": 0.2}})[:-1], m.Twist),
+    "truncated": (b'{"linear":{"x":0.2}', m.Twist),
+    "MessagePack": (b"\x81\xa6linear\x80", m.Twist),
+    "half of a header of CDR": (b"\x00\x01", m.Twist),
     "null": (b"null", m.Twist),
     "NaN in JSON": (b'{"linear":{"x":NaN}}', m.Twist),
     "too large for a float": (b'{"linear":{"x":1e400}}', m.Twist),
     "too many digits for a float": (b'{"linear":{"x":' + b"9" * 5000 + b"}}", m.Twist),
-    "NaN in MessagePack": (packed({"linear": {"x": math.nan}}), m.Twist),
-    "infinity in MessagePack": (packed({"linear": {"x": math.inf}}), m.Twist),
-    "infinity as a 32 bit float": (b"\x81\xa6linear\x81\xa1x\xca\x7f\x80\x00\x00", m.Twist),
-    "NaN in a list": (packed({"position": [0.0, math.nan]}), m.JointState),
+    "NaN in a list": (b'{"position":[0.0,NaN]}', m.JointState),
     "a whole number over 32 bits": (b'{"clock":{"sec":4294967296}}', m.Clock),
     "a whole number of too many digits": (b'{"tick":' + b"9" * 5000 + b"}", m.SimState),
     "a second of nanoseconds": (b'{"nanosec":1000000000}', m.Time),
-    "35 covariances": (packed({"covariance": [0.0] * 35}), m.PoseWithCovariance),
+    "35 covariances": (b'{"covariance":[0' + b",0" * 34 + b"]}", m.PoseWithCovariance),
     "a list": (b"[]", m.Twist),
     "no UTF-8": (b'{"frame_id":"\xff"}', m.Header),
-    "no UTF-8, MessagePack": (b"\x81\xa8frame_id\xa1\xff", m.Header),
     "half of a surrogate": (b'{"frame_id":"\\ud800"}', m.Header),
-    "numbers of 2³⁰ announced": (b"\x81\xa8position\xdd\x3f\xff\xff\xff\x01", m.JointState),
-    "a string of 2³² announced": (b"\x81\xa8frame_id\xdb\xff\xff\xff\xff", m.Header),
     "lists in lists": (b'{"x":' + b"[" * 400_000 + b"]" * 400_000 + b"}", m.Twist),
     "tables in tables": (b'{"x":' * 100_000 + b"1" + b"}" * 100_000, m.Twist),
-    "lists in lists, MessagePack": (b"\x81\xa1x" + b"\x91" * 500_000 + b"\xc0", m.Twist),
-    "tables in tables, MessagePack": (b"\x81\xa1x" * 200_000 + b"\xc0", m.Twist),
     "CDR, one number short": (b"\x00\x01\x00\x00" + bytes(40), m.Twist),
     "only unknown fields": (b'{"linaer":{"x":1},"angle":1}', m.Twist),
-    "only unknown fields, MessagePack": (packed({"linaer": {"x": 1}}), m.Twist),
     "only unknown fields of a part": (b'{"linear":{"X":1}}', m.Twist),
     "only unknown fields of a stamped twist": (b'{"header":{},"twist":{"x":1}}', m.Twist),
     "a wrong type in a stamped twist": (b'{"twist":{"linear":{"x":"1"}}}', m.Twist),
@@ -150,7 +113,6 @@ HEADER = struct.pack("<iII10s2x", 7, 8, 10, b"base_link\0")
     [
         (b'{"header":{"frame_id":"x"},"twist":{"linear":{"x":0.2}}}', ("", JSON_ENCODING)),
         (b'{"twist":{"linear":{"x":0.2}}}', ("", JSON_ENCODING)),
-        (packed({"header": {}, "twist": {"linear": {"x": 0.2}}}), ("", MSGPACK_ENCODING)),
         (b'\xef\xbb\xbf{"linear":{"x":0.2}}', ("", JSON_ENCODING)),
         (cdr(0.2, 0.0, 0.0, 0.0, 0.0, 0.0), ("", "zenoh/bytes", "application/cdr")),
         (cdr(0.2, 0.0, 0.0, 0.0, 0.0, 0.0, order=">"), ("", "application/cdr")),
@@ -172,8 +134,6 @@ def test_a_zero_twist_stops_whatever_else_it_has(payload):
 def test_a_scan_may_have_null_for_numbers_that_json_lacks():
     payload = b'{"range_min":0.1,"range_max":12.0,"ranges":[null,0.5,40.0],"intensities":[null]}'
     assert decode(payload, m.LaserScan).ranges == (0.0, 0.5, 40.0)
-    infinite = {"range_min": 0.1, "range_max": 12.0, "ranges": [math.inf, -math.inf, math.nan, 2]}
-    assert decode(packed(infinite), m.LaserScan).ranges == (13.0, 0.05, 0.0, 2.0)
 
 
 def test_a_payload_of_just_six_mebibytes_is_taken_and_a_byte_more_is_refused():
@@ -220,12 +180,11 @@ def decode_or_refuse(payload, kind, encoding):
         return
     assert isinstance(message, kind)
     # what was taken can be passed on
-    assert decode(encode(message, "json"), kind) == message
-    assert decode(encode(message, "msgpack"), kind) == message
+    assert decode(encode(message), kind) == message
 
 
 kinds = st.sampled_from(KINDS)
-encodings = st.sampled_from(["", "zenoh/bytes", JSON_ENCODING, MSGPACK_ENCODING, "\ud800", ";"])
+encodings = st.sampled_from(["", "zenoh/bytes", JSON_ENCODING, "application/cdr", "\ud800", ";"])
 some_names = st.sampled_from(
     sorted({name for kind in KINDS for name in kind.__struct_fields__} | {"x", "sec", "stamp"})
 )
@@ -244,14 +203,13 @@ def test_any_bytes_expect_a_message_or_a_refusal(payload, kind, encoding):
 
 
 @settings(max_examples=1000)
-@given(st.dictionaries(some_names, values, max_size=5), kinds, st.booleans())
-def test_any_tables_expect_a_message_or_a_refusal(table, kind, as_json):
-    decode_or_refuse((msgspec.json if as_json else msgspec.msgpack).encode(table), kind, "")
+@given(st.dictionaries(some_names, values, max_size=5), kinds)
+def test_any_tables_expect_a_message_or_a_refusal(table, kind):
+    decode_or_refuse(msgspec.json.encode(table), kind, "")
 
 
 SEEDS = [
-    encode(message, form)
-    for form in ("json", "msgpack")
+    encode(message)
     for message in (
         m.Odometry(),
         m.Observation(poses=(m.PoseWithCovariance(),)),

@@ -254,7 +254,7 @@ def weave(driven: Driven) -> bytes:
         command = joints([4.0, 3.0, math.sin(0.3 * tick), 2.0])
         walking = person(Pose2D(0.5 - 0.004 * tick, 0.05), Twist2D(x=-0.4))
         driven.tick(command=command, person=walking)
-        said += [encode(message, "json") for message in driven.states[""].values()]
+        said += [encode(message) for message in driven.states[""].values()]
     return b"".join(said)
 
 

@@ -47,7 +47,7 @@ def rig(router, tmp_path):
 
         def tell_tick(number, run=7):
             for key, message in tick(number).items():
-                tell(key, encode(message, "json"), stamp_of(number, run))
+                tell(key, encode(message), stamp_of(number, run))
 
         def physics_names(run):
             bus.call = lambda *_: SimState(run=run)

@@ -64,7 +64,7 @@ def test_a_message_is_the_same_after_cdr_and_json_and_to_a_reader_of_its_definit
     message = data.draw(drawn(kind))
     payload = cdr.encode(message)
     assert plain(cdr.decode(payload, kind)) == plain(message)
-    assert plain(wire.decode(wire.encode(message, "json"), kind)) == plain(message)
+    assert plain(wire.decode(wire.encode(message), kind)) == plain(message)
     independent = generate_dynamic(kind.ROS_TYPE, definition(kind))[kind.ROS_TYPE]
     assert bits(from_others(independent(payload))) == plain(message)
 

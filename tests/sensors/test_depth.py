@@ -98,8 +98,7 @@ def test_pixels_at_edges_are_lost_or_between_the_two_depths_as_often_as_told():
 def test_the_picture_comes_back_from_the_wire_and_repeats_with_its_seed():
     camera = DepthCamera(DepthConfig(), MOUNT, 3)
     image = camera.picture(room(wall(3.0)), Pose2D(0.2, 0.1, 0.4), Time())
-    for form in ("json", "msgpack"):
-        assert decode(encode(image, form), Image) == image
+    assert decode(encode(image), Image) == image
     again = DepthCamera(DepthConfig(), MOUNT, 3)
     assert again.picture(room(wall(3.0)), Pose2D(0.2, 0.1, 0.4), Time()) == image
 

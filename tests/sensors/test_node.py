@@ -183,9 +183,9 @@ for tick in range(0, 80, 4):
     robot, joints = Pose2D(0.01 * tick, 0.0, 0.002 * tick), walking(0.01 * tick, (2.5, 0.0, 0.5))
     scene.place_robot(0, robot)
     scene.place_person(0, joints, HEIGHT)
-    said.update(encode(lidar.scan(scene, robot, Time()), "json"))
-    said.update(encode(tracker.observe(tick, scene, robot, [joints]), "json"))
-    said.update(encode(camera.picture(scene, robot, Time()), "json"))
+    said.update(encode(lidar.scan(scene, robot, Time())))
+    said.update(encode(tracker.observe(tick, scene, robot, [joints])))
+    said.update(encode(camera.picture(scene, robot, Time())))
 print(said.hexdigest())
 """
 

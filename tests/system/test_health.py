@@ -39,7 +39,7 @@ def test_a_service_is_healthy_as_long_as_it_lives(stack):
     ("scenario", "settings", "words"),
     [
         (str(SCENARIOS / "back.toml"), private_router()[:1], "nothing answers"),
-        (str(SCENARIOS / "back.toml"), ("bus.format=xml",), "bus.format"),
+        (str(SCENARIOS / "back.toml"), ("bus.mode=star",), "bus.mode"),
         ("/nowhere.toml", (), "/nowhere.toml"),
     ],
 )

@@ -45,10 +45,10 @@ def many_processes(scenario: str, *settings: str) -> str:
 @pytest.mark.parametrize(
     ("scenario", "settings"),
     [
-        ("side", (*HARD, "physics.drive=effort", "bus.format=msgpack")),
+        ("side", (*HARD, "physics.drive=effort")),
         ("back", ("sim.duration_s=3.0", "controller.update_rate_hz=20")),
     ],
-    ids=["efforts in msgpack", "odometry at a rate of its own"],
+    ids=["efforts", "odometry at a rate of its own"],
 )
 def test_processes_over_zenoh_give_the_trajectory_of_one_process(scenario, settings):
     assert many_processes(scenario, *settings) == one_process(scenario, *settings)

@@ -57,7 +57,7 @@ class Target(Steps):
 
     def bytes(self, ticks):
         """Return all that is published in some ticks."""
-        return b"".join(encode(m, "json") for k in range(ticks) for m in self.tick(k).values())
+        return b"".join(encode(m) for k in range(ticks) for m in self.tick(k).values())
 
 
 def pose_of(odom):

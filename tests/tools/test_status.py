@@ -144,7 +144,7 @@ class Told(LocalBus):
 
 def says(name, **values):
     pairs = tuple(KeyValue(key=key, value=value) for key, value in values.items())
-    return encode(DiagnosticArray(status=(DiagnosticStatus(name=name, values=pairs),)), "json")
+    return encode(DiagnosticArray(status=(DiagnosticStatus(name=name, values=pairs),)))
 
 
 def test_a_report_counts_under_the_name_of_its_key_whatever_name_is_in_it():

@@ -19,7 +19,7 @@ class Sample(SimpleNamespace):
 
     def as_published(self):
         odom = m.planar_odometry(m.Time(), "world", "base_link", Pose2D(), Twist2D())
-        return encode(odom, "json"), "application/json", self.stamp and self.stamp.pack()
+        return encode(odom), "application/json", self.stamp and self.stamp.pack()
 
 
 def sample(number, run=1):

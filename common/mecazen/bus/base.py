@@ -18,7 +18,7 @@ from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message, MessageT
 from mecazen.text import printable, unknown_fields
-from mecazen.wire import STAMPED, RefusedError, Stamp, decode, format_of
+from mecazen.wire import STAMPED, RefusedError, Stamp, decode, is_cdr
 
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
 
@@ -222,11 +222,8 @@ class Bus(ABC):
     def warn_of_unknown_fields(
         self, key: str, payload: bytes, encoding: str, message: Message
     ) -> None:
-        """Note an unknown field of a received payload, and log it at most once a second.
-
-        Only JSON is checked, since that is the format that people write.
-        """
-        if format_of(payload, encoding) != "json":
+        """Note an unknown field of received JSON, and log it at most once a second."""
+        if is_cdr(payload, encoding):
             return
         try:
             given = msgspec.json.decode(payload.removeprefix(BOM_UTF8))

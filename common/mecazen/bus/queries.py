@@ -17,10 +17,9 @@ from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT
 from mecazen.text import printable
 from mecazen.wire import (
-    ENCODINGS,
+    JSON_ENCODING,
     MAX_ENVELOPE_BYTES,
     MAX_SAMPLE_BYTES,
-    Format,
     RefusedError,
     decode,
     encode,
@@ -113,12 +112,11 @@ class ZenohReply(Reply[AnswerT]):
 
     query: zenoh.Query
     key: str
-    form: Format
 
     def answer(self, message: AnswerT) -> None:
         """Answer with a message."""
         with self.query as query:
-            query.reply(self.key, encode(message, self.form), encoding=ENCODINGS[self.form])
+            query.reply(self.key, encode(message), encoding=JSON_ENCODING)
 
     def refuse(self, reason: str) -> None:
         """Answer with an error."""

@@ -30,7 +30,7 @@ from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
-from mecazen.wire import ENCODINGS, MAX_ENVELOPE_BYTES, Format, RefusedError, Stamp, encode
+from mecazen.wire import JSON_ENCODING, MAX_ENVELOPE_BYTES, RefusedError, Stamp, encode
 
 logger = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ class ZenohBus(Bus):
         """Open the session.
 
         Args:
-            config: Endpoints, namespace and format.
+            config: Endpoints and namespace.
             mode: A peer connects directly to the others, a client only to the router. None: the
                 mode in `config`.
             name: Name of the certificate that the session shows, if certificates are used.
@@ -72,7 +72,6 @@ class ZenohBus(Bus):
         """
         super().__init__(renamed)
         self._pause = Pause(gather_s)
-        self.format: Format = config.format
         self._queue: Queue = queue.SimpleQueue()
         self._refusals = Refusals(self._queue, self.refuse)
         self._sources = Sources(self.presence)
@@ -95,7 +94,7 @@ class ZenohBus(Bus):
         if publisher is None:
             declared = self._session.declare_publisher(
                 key,
-                encoding=ENCODINGS[self.format],
+                encoding=JSON_ENCODING,
                 congestion_control=zenoh.CongestionControl.DROP,
             )
             publisher = _ZenohPublisher(declared, self, topic)
@@ -246,10 +245,10 @@ class ZenohBus(Bus):
 
         def refuse(query: zenoh.Query, reason: str) -> None:
             self._refusals.add(key, reason)
-            ZenohReply(query, key, self.format).refuse(reason)
+            ZenohReply(query, key).refuse(reason)
 
         def take(query: zenoh.Query) -> None:
-            reply: ZenohReply[AnswerT] = ZenohReply(query, key, self.format)
+            reply: ZenohReply[AnswerT] = ZenohReply(query, key)
             payload = b"" if query.payload is None else query.payload.to_bytes()
             try:
                 request = self._decode_request(call, payload)
@@ -299,8 +298,8 @@ class ZenohBus(Bus):
             return self._ask(call, request, timeout_s)
         replies = self._session.get(
             key,
-            payload=encode(request, self.format),
-            encoding=ENCODINGS[self.format],
+            payload=encode(request),
+            encoding=JSON_ENCODING,
             timeout=timeout_s,
         )
         return answer_in(replies, call)
@@ -373,7 +372,6 @@ class _ZenohPublisher(Publisher[MessageT]):
     ) -> None:
         self._publisher = publisher
         self._source = zenoh.SourceInfo(publisher.id, 0)
-        self._format: Format = bus.format
         self._listeners = bus.listeners(topic)
         self._ready = bus.queue
         self._refuse = partial(bus.refuse, bus.key_of(topic))
@@ -381,7 +379,7 @@ class _ZenohPublisher(Publisher[MessageT]):
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
         attachment = None if stamp is None else stamp.pack()
-        payload = encode(message, self._format)
+        payload = encode(message)
         if len(payload) > self._max_bytes:  # no receiver would take it
             self._refuse(f"not sent: {len(payload)} bytes, at most {self._max_bytes}")
             if stamp is not None:

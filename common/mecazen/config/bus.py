@@ -37,8 +37,6 @@ class BusConfig(Section):
         None
     )
     """Prefix that Zenoh adds to all keys; one for each robot."""
-    format: Literal["json", "msgpack"] = "json"
-    """Format of published samples; both formats are always accepted."""
     zenoh_config: Path | None = None
     """A Zenoh configuration file (JSON5), which the settings of this section override."""
     keys: Folder | None = None

@@ -14,7 +14,7 @@ import msgspec
 
 from mecazen.geometry import Pose2D, Twist2D, of_three
 
-# msgspec's JSON refuses NaN and Infinity, its MessagePack does not: the bounds refuse both.
+# CDR may hold NaN and Infinity, which JSON lacks: the bounds refuse both
 Float = Annotated[float, msgspec.Meta(ge=-1.797e308, le=1.797e308)]
 Int32 = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31 - 1)]
 Float32 = Annotated[float, msgspec.Meta(ge=-3.4028234663852886e38, le=3.4028234663852886e38)]

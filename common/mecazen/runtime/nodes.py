@@ -171,7 +171,7 @@ class OwnSteps(CheckedSteps):
             if topic not in self._topics:
                 raise NodeError(f"{self._name} gives {topic.key}, which is not in its row")
             self._refuse_implausible(topic, message)
-            size = len(encode(message, "json"))
+            size = len(encode(message))
             if size > topic.max_bytes:
                 raise NodeError(
                     f"{self._name} gives {topic.key} of {size} bytes, at most {topic.max_bytes}"

@@ -115,7 +115,7 @@ class Sample(NamedTuple):
         kind = self.kind or known
         if kind is None:
             return self.payload, self.encoding, attachment
-        return encode(self.message(kind), "json"), JSON_ENCODING, attachment
+        return encode(self.message(kind)), JSON_ENCODING, attachment
 
 
 class Recording:

@@ -176,7 +176,7 @@ def _compare(
             ]
             return Difference(key, int(min(old_ns, new_ns)), "", *there)
         # compared as bytes, since 0.0 and -0.0 are equal as numbers
-        if encode(old, "json") != encode(new, "json"):
+        if encode(old) != encode(new):
             was, now = map(msgspec.to_builtins, (old, new))
             return Difference(key, int(old_ns), *next(_different(was, now, "")))
     return None

@@ -54,7 +54,7 @@ def publish(
         if live_ns is not None and sample.kind is not None:
             with recording.reading(sample):
                 message = _restamped(sample.message(sample.kind), sample.time_ns, live_ns())
-            bus.put_bytes(sample.key, encode(message, "json"), JSON_ENCODING)
+            bus.put_bytes(sample.key, encode(message), JSON_ENCODING)
             published += 1
             continue
         stamp = sample.stamp

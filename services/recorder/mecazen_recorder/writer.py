@@ -17,7 +17,7 @@ from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
 from mecazen.messages import DiagnosticArray, Message
 from mecazen.robots import join_key
-from mecazen.wire import JSON_ENCODING, MSGPACK_ENCODING, RefusedError, Stamp, encode
+from mecazen.wire import JSON_ENCODING, RefusedError, Stamp, encode
 from mecazen_ros import cdr
 from mecazen_ros.types import definition
 
@@ -31,7 +31,6 @@ SYNC_S = 0.5
 MAX_CHANNELS = 2**16 - 1
 MAX_OTHER_CHANNELS = 2**13
 """Maximum number of channels for diagnostics and unknown keys, which any client can invent."""
-_RAW_ENCODINGS = {JSON_ENCODING: MessageEncoding.JSON, MSGPACK_ENCODING: "msgpack"}
 
 
 class RecordingError(MecazenError):
@@ -142,7 +141,7 @@ class RecordingWriter:
             RefusedError: There are too many keys and runs.
             RecordingError: The disk is full.
         """
-        payload = cdr.encode(message) if self._encoding == "cdr" else encode(message, "json")
+        payload = cdr.encode(message) if self._encoding == "cdr" else encode(message)
         self._add(self._channel(key, stamp, type(message)), payload, time_ns)
 
     def write_bytes(
@@ -214,7 +213,7 @@ class RecordingWriter:
         self._other_channels += other
         metadata = {} if run is None else {"run": str(run.run), "seed": str(run.seed)}
         if isinstance(kind, str):
-            encoding: str = _RAW_ENCODINGS.get(kind, "")
+            encoding: str = MessageEncoding.JSON if kind == JSON_ENCODING else ""
             metadata["zenoh_encoding"] = kind
             schema = 0
         else:
