@@ -142,17 +142,6 @@ def to_message(settings: Mapping[str, str]) -> tuple[Parameter, ...]:
     return tuple(Parameter(name=name, value=value) for name, value in settings.items())
 
 
-def flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Return the settings in nested tables, by their keys."""
-    found: dict[str, str] = {}
-    for name, value in tables.items():
-        if isinstance(value, dict):
-            found |= flat(value, f"{prefix}{name}.")
-        else:
-            found[prefix + name] = to_text(value)
-    return found
-
-
 def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
     """Refuse settings that are no parameters.
 

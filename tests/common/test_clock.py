@@ -277,8 +277,7 @@ def test_a_change_is_published_before_its_tick_and_then_each_second():
     heard = Listener(rig.bus, keys.PARAMETERS, keys.CLOCK)
     rig.clock.begin()
     rig.tick()
-    rig.clock.changing.ask({})
-    rig.clock.changing._asked = {"follower.standoff_m": "2"}
+    rig.clock.live._requested = {"follower.standoff_m": "2"}
     assert [sample.key for sample in heard.take()] == ["clock"] * 2
     rig.tick()
     first, clock = heard.take()

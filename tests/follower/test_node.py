@@ -16,7 +16,7 @@ from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
-from mecazen.runtime.changing import Changing, refuse_unsuitable
+from mecazen.runtime.live import LiveParameters, refuse_unsuitable
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
 from mecazen_follower.node import FollowerNode
@@ -484,14 +484,14 @@ def test_settings_that_a_follower_of_ones_own_does_not_read_are_refused(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mecazen.programs._loaded", {})
     programs = {"follower": "my.py:Blind"}
-    changing = Changing(msgspec.structs.replace(scenario, programs=programs), refuse_unsuitable)
+    live = LiveParameters(msgspec.structs.replace(scenario, programs=programs), refuse_unsuitable)
     if said is None:
-        changing.ask({"follower.standoff_m": "2"})
-        assert changing.wanted.follower.standoff_m == 2.0
+        live.set({"follower.standoff_m": "2"})
+        assert live.requested.follower.standoff_m == 2.0
     else:
-        line = error_of(ConfigError, lambda: changing.ask({"follower.standoff_m": "2"}))
+        line = error_of(ConfigError, lambda: live.set({"follower.standoff_m": "2"}))
         assert line.startswith(said)
-        assert changing.wanted.follower.standoff_m != 2.0
+        assert live.requested.follower.standoff_m != 2.0
 
 
 @pytest.mark.parametrize(

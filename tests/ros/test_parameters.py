@@ -11,7 +11,7 @@ from mecazen import messages as m
 from mecazen.config.scenario import scenario_with
 from mecazen.errors import BusError, ConfigError
 from mecazen.parameters import described, parameters, settings_of
-from mecazen.runtime.changing import Changing
+from mecazen.runtime.live import LiveParameters
 from mecazen.schema import AngleDeg, Live, Positive, Section
 from mecazen_ros import cdr
 from mecazen_ros.interfaces import message
@@ -55,15 +55,15 @@ class Node:
         own = [{"name": name, "start": {"y_m": 2.0 * n}} for n, name in enumerate(robots)]
         tables = {"robot": load_robot(), "services": ("physics", "mine"), "robots": own}
         scenario = msgspec.convert(msgspec.to_builtins(tables), scenario_with(mine=Mine))
-        self.changing = Changing(scenario, lambda *_: None)
+        self.live = LiveParameters(scenario, lambda *_: None)
         self.parameters = NodeParameters("mine", robot, self._ask)
 
     def _ask(self, call, request):
         if call is keys.GET_PARAMETERS:
-            known = parameters(self.changing.wanted).items()
+            known = parameters(self.live.requested).items()
             return m.ParameterDescriptors(tuple(described(*one) for one in known))
         try:
-            self.changing.ask(settings_of(request))
+            self.live.set(settings_of(request))
         except ConfigError as error:
             raise BusError(f"{call.key}: {error}") from None
         return m.Parameters()
@@ -240,6 +240,6 @@ def test_a_node_of_one_of_several_robots_sets_its_own():
     node = Node("two", "one", "two")
     assert node.parameters.list_parameters(REQUEST["ListParameters"]())["result"].names == NAMES
     assert not node.set(reach_m=2.0)
-    found = parameters(node.changing.wanted)
+    found = parameters(node.live.requested)
     assert found["robots.two.mine.reach_m"].value == 2.0
     assert found["robots.one.mine.reach_m"].value == 0.5

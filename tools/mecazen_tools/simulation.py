@@ -127,7 +127,7 @@ class Simulation:
     @property
     def scenario(self) -> Scenario:
         """The whole configuration, with the seed of this run and changed parameters."""
-        return replace(self._run.clock.changing.wanted, seed=self._seed)
+        return replace(self._run.clock.live.requested, seed=self._seed)
 
     @property
     def time_s(self) -> float:
@@ -220,7 +220,7 @@ class Simulation:
             MecazenError: The simulation is closed.
         """
         self._refuse_closed()
-        self._run.clock.changing.ask({key: _setting(key, value) for key, value in settings.items()})
+        self._run.clock.live.set({key: _setting(key, value) for key, value in settings.items()})
 
     def command(
         self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, *, robot: str = ""

@@ -5,7 +5,6 @@ the values is in the services.
 """
 
 from mecazen.config.bus import BusConfig as BusConfig
-from mecazen.config.changes import Change as Change
 from mecazen.config.controller import ControllerConfig as ControllerConfig
 from mecazen.config.crowd import CrowdConfig as CrowdConfig
 from mecazen.config.follower import FollowerConfig as FollowerConfig

@@ -11,7 +11,6 @@ from typing import Annotated, Any, NamedTuple, cast
 import msgspec
 
 from mecazen.config.bus import BusConfig
-from mecazen.config.changes import Change
 from mecazen.config.controller import ControllerConfig
 from mecazen.config.crowd import CrowdConfig
 from mecazen.config.follower import FollowerConfig
@@ -94,8 +93,6 @@ class Scenario(Section):
     """Groups of services that share a process; each other service has a process of its own."""
     robots: tuple[RobotConfig, ...] = ()
     """Several robots in one world, each with its own services; empty: a single robot, `robot`."""
-    changes: tuple[Change, ...] = ()
-    """Changes of parameters at set times."""
     robot_name: str = ""
     """Name of the robot to which this part of the scenario belongs, if there are several robots."""
     others: dict[str, Robot] = msgspec.field(default_factory=dict)

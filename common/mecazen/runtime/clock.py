@@ -29,8 +29,8 @@ from mecazen.messages import (
 from mecazen.parameters import described, parameters, refuse_unknown, settings_of, to_message
 from mecazen.programs import classes
 from mecazen.robots import join_key
-from mecazen.runtime.changing import Changing, refuse_unsuitable
 from mecazen.runtime.host import LONGER_S, Host
+from mecazen.runtime.live import LiveParameters, refuse_unsuitable
 from mecazen.runtime.pace import Pace
 from mecazen.runtime.schedule import Schedule
 from mecazen.wire import NS_PER_S, Stamp
@@ -49,7 +49,7 @@ class Clock:
     """Drives the loop of the process that contains the world, and answers `sim/…` queries.
 
     Raises:
-        ConfigError: No service contains the world, or the script of changes is invalid.
+        ConfigError: No service contains the world.
     """
 
     def __init__(self, host: Host) -> None:
@@ -58,7 +58,7 @@ class Clock:
         self.host = host
         self.world: Runner = host.world
         self.scenario: Scenario = host.scenario
-        self.changing = Changing(host.scenario, refuse_unsuitable)
+        self.live = LiveParameters(host.scenario, refuse_unsuitable)
         self.lockstep = host.lockstep
         self.schedule = Schedule(self.scenario.sim.tick_s, self.scenario.sim.speed)
         self.tick = self.missed_deadlines = 0
@@ -94,7 +94,7 @@ class Clock:
     def reset(self, seed: int) -> None:
         """Begin a run: return the world to its initial state."""
         self.tick = self.missed_deadlines = 0
-        self.host.begin(Stamp(0, secrets.randbits(32), seed, self.changing.revision))
+        self.host.begin(Stamp(0, secrets.randbits(32), seed, self.live.revision))
         self.pace.begin(self.stamp.run)
 
     def run(self) -> None:
@@ -134,12 +134,12 @@ class Clock:
     def _make_tick(self) -> None:
         """Advance the world to this tick and run the other turns of the process."""
         host, now_ns = self.host, self.tick * self.host.tick_ns
-        has_changed = self.changing.take(self.tick)
-        stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed, self.changing.revision)
+        has_changed = self.live.apply()
+        stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed, self.live.revision)
         host.stamp = stamp
         if has_changed:
-            self.scenario = self.changing.scenario
-            host.configure(self.scenario, self.changing.revision)
+            self.scenario = self.live.scenario
+            host.configure(self.scenario, self.live.revision)
         if has_changed or now_ns % NS_PER_S < host.tick_ns:
             self._publish_parameters()
         self.schedule.published(self.tick)
@@ -310,10 +310,10 @@ class Clock:
 
     def _on_get(self, request: ParameterNames, reply: Reply[ParameterDescriptors]) -> None:
         """Answer with the live parameters and their values."""
-        found = parameters(self.changing.wanted)
+        found = parameters(self.live.requested)
         names = request.names or tuple(found)
         try:
-            refuse_unknown(self.changing.wanted, dict.fromkeys(names, ""))
+            refuse_unknown(self.live.requested, dict.fromkeys(names, ""))
         except ConfigError as error:
             reply.refuse(str(error))
         else:
@@ -323,7 +323,7 @@ class Clock:
     def _on_set(self, request: Parameters, reply: Reply[Parameters]) -> None:
         """Change parameters from the next tick on; answer with that tick's time."""
         try:
-            self.changing.ask(settings_of(request))
+            self.live.set(settings_of(request))
         except ConfigError as error:
             reply.refuse(str(error))
             return
@@ -331,18 +331,18 @@ class Clock:
         reply.answer(
             Parameters(
                 header=Header(stamp=begins.time),
-                revision=self.changing.revision + 1,
+                revision=self.live.revision + 1,
                 parameters=request.parameters,
             )
         )
 
     def _publish_parameters(self) -> None:
         """Publish the changed parameters, if any; repeated for services that start late."""
-        if self.changing.revision:
+        if self.live.revision:
             message = Parameters(
                 header=Header(stamp=self.stamp.time),
-                revision=self.changing.revision,
-                parameters=to_message(self.changing.settings),
+                revision=self.live.revision,
+                parameters=to_message(self.live.settings),
             )
             self._parameters.put(message, self.stamp)
 
