@@ -1,4 +1,4 @@
-"""The graph as tables and as a picture, of two nodes."""
+"""The graph as tables, of two nodes."""
 
 from types import SimpleNamespace
 
@@ -38,8 +38,3 @@ def test_a_topic_has_the_rate_and_the_source_of_who_gives_it():
     ((key, kinds, _, who, _),) = graph_views.call_rows(GRAPH)
     assert (key, who) == ("sim/state", "wheels")
     assert f"| `{key}` | {kinds.replace('/msg', '')} | query |" in graph_views.keys_table(GRAPH)
-
-
-def test_the_picture_names_each_process_node_and_topic():
-    drawn = graph_views.svg(GRAPH, [("one+two", ["wheels", "driver"])])
-    assert all(f">{name}<" in drawn for name in ("one+two", "wheels", "driver", "odom", "cmd_vel"))

@@ -1,6 +1,6 @@
 """Write the files that are generated from the code: `make graph`.
 
-The access rules, pictures of the data flow, sketches, files of installed bridges, and the tables in
+The access rules, sketches, files of installed bridges, and the tables in
 documents between `<!-- graph: NAME -->` and `<!-- /graph -->`.
 """
 
@@ -15,7 +15,7 @@ from mecazen.graph import GRAPH, Graph
 
 from mecazen_tools.access import access_table, secure_json5
 from mecazen_tools.cli.app import app
-from mecazen_tools.graph_views import keys_table, nodes_table, one_process_each, svg
+from mecazen_tools.graph_views import keys_table, nodes_table
 from mecazen_tools.references import commands, configuration
 from mecazen_tools.sketches import SKETCHES
 
@@ -35,7 +35,6 @@ def files(root: Path) -> Iterator[tuple[Path, str]]:
         "configuration": configuration(),
     }
     yield root / "configs" / "zenoh" / "secure.json5", secure_json5()
-    yield root / "docs" / "dataflow.svg", svg(graph, one_process_each())
     for name, sketch in SKETCHES.items():
         yield root / "docs" / "figures" / f"{name}.svg", sketch()
     for bridge in installed():

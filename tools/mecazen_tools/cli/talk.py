@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import Counter, defaultdict
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
@@ -23,7 +22,7 @@ from mecazen.wire import JSON_ENCODING, STAMPED, RefusedError, decode
 from rich.table import Column, Table
 from rich.text import Text
 
-from mecazen_tools import files, graph_views
+from mecazen_tools import graph_views
 from mecazen_tools.cli.options import (
     Connect,
     Namespace,
@@ -48,35 +47,32 @@ def graph(
         str | None,
         typer.Argument(metavar="[SCENARIO]", help="Its nodes; left out, all that there are."),
     ] = None,
-    svg_file: Annotated[
-        Path | None, typer.Option("--svg", metavar="FILE", help="Draw the data flow.")
-    ] = None,
     settings: Settings = None,
 ) -> None:
     """Show the nodes in the order in which they run: what they take and give, and their processes.
 
-    Examples: mecazen graph back · mecazen graph back --svg flow.svg
+    Example: mecazen graph back
     """
     loaded: Any = graph_views.DEFAULTS
     if scenario is None:
-        nodes, processes = Graph(GRAPH), graph_views.one_process_each()
+        nodes = Graph(GRAPH)
         order = [row.name for row in GRAPH]
+        process_of = {row.name: row.part_of for row in GRAPH}
     else:
         loaded = load(scenario, settings)
         nodes = graph_of(loaded)
-        processes = [
-            (process.name, [row.name for s in process.services for row in nodes.services[s]])
+        process_of = {
+            row.name: process.name
             for process in loaded.process_plan
             if process.robot in ("", loaded.names[0])
-        ]
+            for service in process.services
+            for row in nodes.services[service]
+        }
         turns = [turn.row.name for turn in compile_plan(loaded, nodes).turns]
         # the owner of time begins each tick; observers take no turn
         first = [row.name for row in nodes.rows if row.owns_time]
         last = [row.name for row in nodes.rows if row.observes]
         order = list(dict.fromkeys([*first, *turns, *last]))
-    if svg_file is not None:
-        files.write(svg_file, graph_views.svg(nodes, processes).encode(), "--svg")
-    process_of = {name: process for process, names in processes for name in names}
     table = Table("node", "takes", "gives, answers?", show_lines=True)
     for name in order:
         row = nodes.row(name)
