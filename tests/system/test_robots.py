@@ -81,7 +81,7 @@ def test_in_real_time_each_robot_follows_its_own_person(stack):
     with closing(ZenohBus(running.scenario.bus, "client")) as tool:
         listener = _Listener(tool)
         listener.status()
-        wait(tool, lambda: {"two/follower", "physics"} <= listener.reports.keys())
+        wait(tool, lambda: {"two/follower", "physics"} <= listener.diagnostics.reports.keys())
         status = listener.status()
     assert {"physics", "one/follower", "two/follower"} <= status.services.keys()
     assert {of.state for name, of in status.services.items() if name != "test"} >= {"ready"}

@@ -149,12 +149,12 @@ def says(name, **values):
 
 def test_a_report_counts_under_the_name_of_its_key_whatever_name_is_in_it():
     bus = Told()
-    listener = command._Listener(bus)
+    diagnostics = command.Diagnostics(bus, "")
     bus.tell("diagnostics/viewer", says("physics", missed_deadlines="999"), "", None)
-    assert listener.reports == {"viewer": {"missed_deadlines": "999"}}
+    assert diagnostics.reports == {"viewer": {"missed_deadlines": "999"}}
     for number in range(2 * command.REPORTS):
         bus.tell(f"diagnostics/{number}", says("physics"), "", None)
-    assert len(listener.reports) == command.REPORTS
+    assert len(diagnostics.reports) == command.REPORTS
 
 
 def test_what_a_stranger_says_is_text_on_the_screen():

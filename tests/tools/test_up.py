@@ -6,13 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 from harness import SCENARIOS
-from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus import LocalBus
 from mecazen.loading import load_scenario, scenario_path
-from mecazen.wire import Stamp
-from mecazen_tools.cli import up
-from mecazen_tools.cli.up import Interrupts, Status, _work, hints
+from mecazen.wire import encode
+from mecazen_tools.cli import status, up
+from mecazen_tools.cli.up import Interrupts, Overview, _work, hints
 from mecazen_tools.forking import STOPPING
 
 
@@ -109,39 +107,39 @@ def test_every_process_of_a_scenario_with_a_guard_is_described():
 
 @pytest.fixture
 def shown():
-    """The status, and a function by which a service reports."""
-    bus = LocalBus()
-    status = Status(bus, load_scenario(scenario_path("back")))
+    """The overview, and a function by which a service reports."""
+    bus = SimpleNamespace(subscribe_bytes=lambda _, take: setattr(bus, "take", take))
+    overview = Overview(bus, load_scenario(scenario_path("back")))
 
     def report(service, **values):
         pairs = tuple(m.KeyValue(key=key, value=str(value)) for key, value in values.items())
         array = m.DiagnosticArray(status=(m.DiagnosticStatus(name=service, values=pairs),))
-        bus.publisher(keys.diagnostics(service)).put(array, Stamp(0, 1, 1))
+        bus.take(f"diagnostics/{service}", encode(array), "", None)
 
-    return status, report
+    return overview, report
 
 
-def test_the_status_says_that_a_walk_has_ended_and_no_factor_that_is_unknown(shown):
-    status, report = shown
+def test_the_overview_says_that_a_walk_has_ended_and_no_factor_that_is_unknown(shown):
+    overview, report = shown
     report("physics", mode="lockstep")
     report("target", x_m=1.0, y_m=2.0)
-    assert status.text == "[bold]t = 0.0 s[/]  person (+1.00, +2.00)"
+    assert overview.text == "[bold]t = 0.0 s[/]  person (+1.00, +2.00)"
     report("target", x_m=1.0, y_m=2.0, walk_ended=True)
-    assert status.text.endswith("person (+1.00, +2.00), the walk has ended")
+    assert overview.text.endswith("person (+1.00, +2.00), the walk has ended")
     report("physics", rtf=1.0, missed_deadlines=0)
-    assert status.text.endswith("  ·  1.0 × real time, 0 missed")
+    assert overview.text.endswith("  ·  1.0 × real time, 0 missed")
 
 
-def test_the_status_shows_the_age_of_what_a_service_has_not_reported_anew(shown, monkeypatch):
-    status, report = shown
+def test_the_overview_shows_the_age_of_what_a_service_has_not_reported_anew(shown, monkeypatch):
+    overview, report = shown
     now_s = 100.0
-    monkeypatch.setattr(up, "time", SimpleNamespace(monotonic=lambda: now_s))
+    monkeypatch.setattr(status, "time", SimpleNamespace(monotonic=lambda: now_s))
     report("follower", tracking="following", distance_error_m=0.01)
-    assert status.text.endswith("following, +0.010 m off")
+    assert overview.text.endswith("following, +0.010 m off")
     now_s = 103.0
-    assert status.text.endswith("following, +0.010 m off (stale, 3.0 s old)")
+    assert overview.text.endswith("following, +0.010 m off (stale, 3.0 s old)")
     report("physics", rtf=0.1)  # so services report every 10 s
-    assert "stale" not in status.text
+    assert "stale" not in overview.text
     report("follower", tracking="following", distance_error_m=0.02)
     report("physics", rtf=1.0)
-    assert "following, +0.020 m off  ·" in status.text
+    assert "following, +0.020 m off  ·" in overview.text

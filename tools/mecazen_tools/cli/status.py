@@ -19,7 +19,7 @@ from mecazen.graph import SHARED, WORLDS
 from mecazen.messages import DiagnosticArray, Empty, SimState
 from mecazen.robots import join_key
 from mecazen.text import printable
-from mecazen.wire import RefusedError, decode
+from mecazen.wire import NS_PER_S, RefusedError, decode
 from rich.console import Group
 from rich.live import Live
 from rich.table import Column, Table
@@ -47,8 +47,6 @@ IGNORED, WARNING = "ignored/", "warning/"
 """Beginnings of the names of values that are warnings."""
 WARNINGS = 20
 """Maximum number of warnings shown."""
-
-ALL_DIAGNOSTICS = keys.diagnostics("*").key
 
 
 class Input(msgspec.Struct, frozen=True):
@@ -89,6 +87,46 @@ class Status(msgspec.Struct, frozen=True):
 
 Reports = dict[str, dict[str, str]]
 """The newest report of each service, by name."""
+
+
+class Diagnostics:
+    """The newest report of each service, by the name in its key, which access control guards."""
+
+    def __init__(self, bus: ZenohBus, *robots: str) -> None:
+        self._bus = bus
+        self.reports: Reports = {}
+        self.time_s = 0.0
+        """Simulated time of the newest report [s]."""
+        self._begin_s = time.monotonic()
+        self._arrived_s: dict[str, float] = {}
+        for robot in dict.fromkeys(robots):
+            self.subscribe(robot)
+
+    def subscribe(self, robot: str) -> None:
+        """Subscribe to the reports of a robot's services; without a name, of shared ones."""
+        key = join_key(keys.diagnostics("*").key, robot)
+        self._bus.subscribe_bytes(key, partial(self._take, robot))
+
+    def age_s(self, service: str) -> float:
+        """Return the wall time since a service's newest report, or without one since the start."""
+        return time.monotonic() - self._arrived_s.get(service, self._begin_s)
+
+    def _take(
+        self, robot: str, key: str, payload: bytes, encoding: str, attachment: bytes | None
+    ) -> None:
+        del attachment
+        try:
+            report = decode(payload, DiagnosticArray, encoding)
+        except RefusedError as refusal:
+            self._bus.refuse(key, str(refusal))
+            return
+        name = join_key(key.removeprefix(join_key(keys.diagnostics("").key, robot)), robot)
+        if name in self.reports or len(self.reports) < REPORTS:
+            self.reports[name] = {
+                pair.key: pair.value for status in report.status for pair in status.values
+            }
+            self._arrived_s[name] = time.monotonic()
+            self.time_s = report.header.stamp.ns / NS_PER_S
 
 
 def status_of(
@@ -224,12 +262,8 @@ class _Listener:
         self._parts: tuple[str, ...] = ()
         self._robots: tuple[str, ...] = ()
         self._alive: set[str] = set()
-        self.reports: Reports = {}
-        self._begin_s = time.monotonic()
-        self._arrived_s: dict[str, float] = {}
-        """When the newest report of each service arrived [s]."""
+        self.diagnostics = Diagnostics(bus, "")
         self._strays: list[str] = []
-        self._hear("")
 
     def listen(self, duration_s: float) -> None:
         """Receive reports for a duration [s]."""
@@ -240,7 +274,7 @@ class _Listener:
     @property
     def awaited(self) -> set[str]:
         """Services of the scenario that are alive but have not reported yet."""
-        return (set(self._parts) & self._alive) - self.reports.keys()
+        return (set(self._parts) & self._alive) - self.diagnostics.reports.keys()
 
     def status(self) -> Status:
         """Return the present state of all services."""
@@ -256,9 +290,9 @@ class _Listener:
             except BusError:
                 pass  # physics is starting, gone or frozen
         self._bus.drain()
-        now = time.monotonic()
-        ages_s = {part: now - self._arrived_s.get(part, self._begin_s) for part in self._parts}
-        return status_of(sim, self._parts, self._alive, self.reports, self._strays, ages_s)
+        reports = self.diagnostics.reports
+        ages_s = {part: self.diagnostics.age_s(part) for part in self._parts}
+        return status_of(sim, self._parts, self._alive, reports, self._strays, ages_s)
 
     def _take_part(self, scenario: dict[str, Any]) -> None:
         """Read robots and services from a scenario's tables."""
@@ -269,30 +303,9 @@ class _Listener:
             for robot in (("",) if part in SHARED else self._robots or ("",))
         )
         for robot in self._robots:
-            self._hear(robot)
+            self.diagnostics.subscribe(robot)
         given = {keys.CMD_VEL.key} if "follower" in scenario["services"] else ()
         report_strays(self._bus, self._robots or ("",), given, self._strays.append)
-
-    def _hear(self, robot: str) -> None:
-        key = join_key(ALL_DIAGNOSTICS, robot)
-        self._bus.subscribe_bytes(key, partial(self._take, robot))
-
-    def _take(
-        self, robot: str, key: str, payload: bytes, encoding: str, attachment: bytes | None
-    ) -> None:
-        del attachment
-        try:
-            report = decode(payload, DiagnosticArray, encoding)
-        except RefusedError as refusal:
-            self._bus.refuse(key, str(refusal))
-            return
-        # the key names the service, not the report: access control guards keys
-        name = join_key(key.removeprefix(join_key(ALL_DIAGNOSTICS, robot)[:-1]), robot)
-        if name in self.reports or len(self.reports) < REPORTS:
-            self.reports[name] = {
-                pair.key: pair.value for status in report.status for pair in status.values
-            }
-            self._arrived_s[name] = time.monotonic()
 
 
 def status(

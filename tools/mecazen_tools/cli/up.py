@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shlex
 import shutil
@@ -29,18 +28,16 @@ from mecazen.extras import is_installed
 from mecazen.files import to_value
 from mecazen.graph import GRAPH, OBSERVERS, WORLDS, services
 from mecazen.loading import load_scenario, scenario_path
-from mecazen.messages import DiagnosticArray
 from mecazen.programs import graph_of, refuse_missing
 from mecazen.robots import join_key
 from mecazen.row import Row
-from mecazen.wire import NS_PER_S, Stamp
 from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
 from mecazen_tools.cli.options import ScenarioArgument, Settings
-from mecazen_tools.cli.status import LATE_S, WARNING, number
+from mecazen_tools.cli.status import LATE_S, WARNING, Diagnostics, number
 from mecazen_tools.forking import STOPPING
 from mecazen_tools.processes import Line, Supervisor
 from mecazen_tools.strays import report_strays
@@ -48,8 +45,6 @@ from mecazen_tools.strays import report_strays
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
 """Simulated time between two lines of status if the output is not a terminal [s]."""
-REPORTING = {*WORLDS, "target", "follower"}
-"""Services whose health the status shows."""
 
 VIEWER = "viewer"
 VIEWER_START_S = 5.0
@@ -117,7 +112,7 @@ def up(
         if not shares_router:
             supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client", renamed=loaded.renamed)) as bus:
-            status = Status(bus, loaded)
+            overview = Overview(bus, loaded)
             graph = graph_of(loaded)
             given = [topic.key for topic in keys.TOPICS if graph.giver(topic.key) is not None]
             report_strays(bus, loaded.names, given, partial(_warn, console))
@@ -128,7 +123,7 @@ def up(
             if shown:
                 _await_viewer(console, supervisor)
             _introduce(console, loaded, scenario, supervisor.pids)
-            _watch(console, supervisor, bus, status, interrupts)
+            _watch(console, supervisor, bus, overview, interrupts)
     except KeyboardInterrupt:
         console.print("stopping …")
     finally:
@@ -209,10 +204,10 @@ def _watch(
     console: Console,
     supervisor: Supervisor,
     bus: ZenohBus,
-    status: Status,
+    overview: Overview,
     interrupts: Interrupts,
 ) -> None:
-    with Live(status.text, console=console, auto_refresh=False, transient=True) as live:
+    with Live(overview.text, console=console, auto_refresh=False, transient=True) as live:
         while True:
             interrupts.check()
             line = supervisor.poll(REFRESH_S)
@@ -221,54 +216,47 @@ def _watch(
                 line = supervisor.poll(0.0)
             bus.drain()
             if console.is_terminal:
-                live.update(status.text, refresh=True)
-            elif status.due():
-                console.print(status.text, soft_wrap=True)
+                live.update(overview.text, refresh=True)
+            elif overview.due():
+                console.print(overview.text, soft_wrap=True)
 
 
-class Status:
+class Overview:
     """The state of the simulation from its services' health: one line for each robot.
 
-    The status needs only the health that services publish once a second. A subscription to samples
-    of the loop, through the router, would cost their publishers as much as another service does.
+    It needs only the diagnostics that services publish once a second. A subscription to samples of
+    the loop, through the router, would cost their publishers as much as another service does.
     """
 
     def __init__(self, bus: ZenohBus, scenario: Scenario) -> None:
-        self._time_s = 0.0
+        self._diagnostics = Diagnostics(bus, "", *scenario.names)
         self._reported_s = -QUIET_REPORT_S
         self._robots = scenario.names
         self._world = next((part for part in scenario.services if part in WORLDS), "")
-        self._health: dict[str, Mapping[str, str]] = {}
-        self._arrived_s: dict[str, float] = {}
-        """When the newest report of each service arrived [s]."""
-        for part, robot in scenario.parts:
-            if part in REPORTING:
-                hear = partial(self._on_report, join_key(part, robot))
-                bus.subscribe(keys.of_robot(keys.diagnostics(part), robot), hear)
 
     @property
     def text(self) -> str:
         """The lines as Rich markup."""
-        world = self._health.get(self._world, {})
+        world = self._diagnostics.reports.get(self._world, {})
         first, *others = [self._of(robot) for robot in self._robots]
         if "rtf" in world:
             missed = world.get("missed_deadlines", "?")
             first.append(f"{world['rtf']} × real time, {missed} missed")
         first += [f"warning: {world[name]}" for name in world if name.startswith(WARNING)]
         lines = "\n".join("  ·  ".join(words) for words in (first, *others))
-        return f"[bold]t = {self._time_s:.1f} s[/]  {escape(lines)}"
+        return f"[bold]t = {self._diagnostics.time_s:.1f} s[/]  {escape(lines)}"
 
     def due(self) -> bool:
         """Return whether enough simulated time has passed for another report."""
-        if abs(self._time_s - self._reported_s) < QUIET_REPORT_S:
+        if abs(self._diagnostics.time_s - self._reported_s) < QUIET_REPORT_S:
             return False
-        self._reported_s = self._time_s
+        self._reported_s = self._diagnostics.time_s
         return True
 
     def _of(self, robot: str) -> list[str]:
         """Return the state of a robot, its person and its follower."""
         parts = ("physics", join_key("target", robot), join_key("follower", robot))
-        physics, person, follower = (self._health.get(part, {}) for part in parts)
+        physics, person, follower = (self._diagnostics.reports.get(part, {}) for part in parts)
         physics_age, person_age, follower_age = map(self._age, parts)
         x, y = (number(physics, join_key(name, robot)) for name in ("x_m", "y_m"))
         person_x, person_y = number(person, "x_m"), number(person, "y_m")
@@ -285,17 +273,9 @@ class Status:
 
     def _age(self, part: str) -> str:
         """Return in words how old the newest report of a service is; empty while it is new."""
-        age_s = time.monotonic() - self._arrived_s.get(part, math.inf)
-        rtf = number(self._health.get(self._world, {}), "rtf") or 1.0
+        age_s = self._diagnostics.age_s(part)
+        rtf = number(self._diagnostics.reports.get(self._world, {}), "rtf") or 1.0
         return f" (stale, {age_s:.1f} s old)" if age_s > 1.0 / rtf + LATE_S else ""
-
-    def _on_report(self, part: str, report: DiagnosticArray, stamp: Stamp | None) -> None:
-        if stamp is not None:
-            self._time_s = stamp.time_ns / NS_PER_S
-        self._arrived_s[part] = time.monotonic()
-        self._health[part] = {
-            pair.key: pair.value for status in report.status for pair in status.values
-        }
 
 
 def _work(process: str, scenario: Scenario) -> str:
