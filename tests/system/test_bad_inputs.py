@@ -53,7 +53,7 @@ BAD = [
     (("echo", "odom", "--count", "0"), ("--count", "1")),
     (("pub", "cmd_vel", '{"linear":{"x":"fast"}}'), ("cmd_vel", "float")),
     (("pub", "two/cmd_vel", '{"linear":{"x":"fast"}}'), ("two/cmd_vel", "float")),
-    (("pub", "two/target/cmd_vel", '{"linear":{"x":20}}'), ("two/target/cmd_vel", "10 m/s")),
+    (("pub", "two/target/cmd_vel", '{"linear":{"x":25}}'), ("two/target/cmd_vel", "20 m/s")),
     (("pub", "cmd_vel", '{"linear":{"x":1e999}}'), ("cmd_vel",)),
     (("pub", "cmd_vel", "{"), ("cmd_vel",)),
     (("pub", "cmd_vel", "[]"), ("cmd_vel", "object")),
@@ -79,7 +79,7 @@ BAD = [
     setting("target.path.file=x.csv", "x.csv", scenario="pedestrian"),
     setting("services=['physics','evil.py:Evil']", "services", "evil.py:Evil", "A-Za-z"),
     setting("start={x_m=0.1}", "start", "inside the person"),
-    setting("services=['physics','pilot']", "pilot", "installed"),
+    setting("services=['physics','pilot']", "pilot", "nodes: body"),
     setting("processes=[['physics','viewer']]", "viewer"),
 ]
 

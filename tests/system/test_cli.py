@@ -165,12 +165,12 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
         while not warnings or any(service["state"] != "ready" for service in services.values()):
             assert time.monotonic() < end, services
             for _ in range(10):  # of which the follower's commands may take the place
-                hand.put_bytes("cmd_vel", b'{"linaer":{}}')
+                hand.put_bytes("cmd_vel", b'{"linear":{},"angluar":{}}')
             status = msgspec.json.decode(mecazen("status", "--json", *up.tools).stdout)
             services, warnings = status["services"], status["warnings"]
     shown = mecazen("status", *up.tools).stdout  # once, since it is no terminal
     assert all(f"│ {name}" in shown for name in services)
-    ignored = "linaer is ignored; did you mean linear? allowed: linear, angular"
+    ignored = "angluar is ignored; did you mean angular? allowed: linear, angular"
     for told in (
         "warning: cmd_vle: no key of mecazen; did you mean cmd_vel?",
         f"msg=ignored key=cmd_vel reason='{ignored}'",
