@@ -144,9 +144,9 @@ def graph_of(scenario: Scenario, hosted: Mapping[str, Kind] | None = None) -> Gr
     features = scenario.features
     for service in scenario.services:
         if service in graph.SERVICES and not _rows(service, scenario):
-            raise ConfigError(
-                f'services: {service} takes no part with sensor.kind = "{scenario.sensor.kind}"'
-            )
+            off = service == "guard" and not scenario.guard.enabled
+            cause = "guard.enabled = false" if off else f'sensor.kind = "{scenario.sensor.kind}"'
+            raise ConfigError(f"services: {service} takes no part with {cause}")
         for row in _rows(service, scenario) or (own_row(service, scenario),):
             kind = (hosted or {}).get(row.name) or _program(row.name, scenario)
             placed = row if kind is None else _placed(row, kind, scenario)

@@ -195,6 +195,8 @@ def _inflated(taken: Flags, edge: int) -> Flags:
 def _shifted(taken: Flags, by: int, axis: int) -> Flags:
     """Return cells shifted along an axis; what leaves the grid is lost."""
     moved = np.zeros_like(taken)
+    if abs(by) >= taken.shape[axis]:
+        return moved
     to = [slice(None), slice(None)]
     of = [slice(None), slice(None)]
     to[axis] = slice(max(by, 0), taken.shape[axis] + min(by, 0))

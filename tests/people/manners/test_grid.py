@@ -47,7 +47,10 @@ def test_a_way_passes_all_places_in_their_order():
     assert min(math.dist(point, (8.0, 1.0)) for point in points) < CELL_M
 
 
-@pytest.mark.parametrize(("inflation", "blocked"), [(0, 1), (1, 1), (2, 4), (3, 9), (10, 100)])
+@pytest.mark.parametrize(
+    ("inflation", "blocked"),
+    [(0, 1), (1, 1), (2, 4), (3, 9), (10, 100), (120, 2500)],  # the grid has 50 x 50 cells
+)
 def test_a_blocked_cell_becomes_a_square(inflation, blocked):
     pole = [Cylinder(size_m=(0.05, 1.0), position_m=(5.1, 5.1))]
     assert grid(pole, inflation).blocked.sum() == blocked
