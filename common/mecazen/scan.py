@@ -47,17 +47,18 @@ class Things:
             self.width = 2.0 * np.sqrt(np.maximum.reduceat(squares, starts))
 
 
-def ranges_of(scan: LaserScan) -> Floats:
+def ranges_of(scan: LaserScan, *, is_real: bool = False) -> Floats:
     """Return the ranges of a scan [m] (n): inf without a return, NaN without a measurement.
 
     0 is no measurement if the scan shows by a range beyond range_max what no return looks like. If
-    it does not, and something was measured, the driver sends 0 for no return, as that of YDLIDAR.
-    An object below range_min has a range between 0 and range_min.
+    the scan of a real lidar does not, and something was measured, the driver sends 0 for no return,
+    as that of YDLIDAR. An object below range_min has a range between 0 and range_min.
     """
     ranges: Floats = np.array(scan.ranges, dtype=float)
     beyond, unknown = ranges > scan.range_max, ~(ranges > 0.0)
     is_measured = bool(np.any((ranges >= scan.range_min) & ~beyond & ~unknown))
-    ranges[unknown] = math.inf if is_measured and not beyond.any() else math.nan
+    is_return_known = not is_real or not is_measured or bool(beyond.any())
+    ranges[unknown] = math.nan if is_return_known else math.inf
     ranges[beyond] = math.inf
     return ranges
 

@@ -63,6 +63,7 @@ def test_the_nearest_legs_are_one_persons_and_two_that_stand_together_another():
         ([0.0, math.nan], [math.nan, math.nan]),  # covered: nothing is known
     ],
 )
-def test_a_scan_shows_what_no_return_looks_like(ranges, expected):
+def test_a_real_scan_shows_what_no_return_looks_like(ranges, expected):
     scan = LaserScan(range_min=0.05, range_max=12.0, ranges=tuple(ranges))
-    assert ranges_of(scan).tolist() == pytest.approx(expected, nan_ok=True)
+    assert ranges_of(scan, is_real=True).tolist() == pytest.approx(expected, nan_ok=True)
+    assert math.isnan(ranges_of(scan)[0])  # a lost beam of the simulated lidar

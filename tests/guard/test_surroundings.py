@@ -97,7 +97,13 @@ def test_many_beams_without_a_measurement_in_a_row_are_something_near(around):
     assert (x, y) == pytest.approx((-0.1 + LIDAR.min_range_m, 0.0), abs=0.01)
 
 
-def test_a_lidar_that_sends_0_for_no_return_is_not_blind(around):
+def test_in_a_closed_room_lost_beams_of_the_simulated_lidar_are_invalid(around):
+    ranges = [0.0 if beam % 2 == 0 else 2.0 for beam in range(LIDAR.beams)]
+    assert around.implausible(scan(ranges), 0.0) == "50% of the beams are invalid"
+
+
+def test_a_real_lidar_that_sends_0_for_no_return_is_not_blind():
+    around = Surroundings(CONFIG, LIDAR, Pose2D(-0.1, 0.0), is_real=True)
     ranges = [r if r < NO_RETURN else 0.0 for r in discs((1.0, 0.0))]  # nearly all, as outdoors
     seen = scan(ranges)
     assert around.implausible(seen, 0.0) == ""

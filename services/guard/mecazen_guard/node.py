@@ -38,7 +38,8 @@ class GuardNode(Node):
         self.timeout_s = scenario.controller.reference_timeout_s
         self.silence_s = config.silent_scans / lidar.rate_hz
         x, y, _ = robot.lidar.position_m
-        self.surroundings = Surroundings(config, lidar, Pose2D(x, y))
+        is_real = "sensors" not in scenario.services
+        self.surroundings = Surroundings(config, lidar, Pose2D(x, y), is_real=is_real)
         self.guard = Guard(
             robot.footprint, Drive.of(scenario), _reaction_s(scenario), config.person_stop_s
         )

@@ -58,10 +58,14 @@ class Surroundings:
         config: Margins, and the maximum speed of people.
         lidar: The lidar's data sheet.
         mount: Pose of the lidar in base_link.
+        is_real: Whether scans come from a real lidar, whose driver may send 0 for no return.
     """
 
-    def __init__(self, config: GuardConfig, lidar: LidarConfig, mount: Pose2D) -> None:
+    def __init__(
+        self, config: GuardConfig, lidar: LidarConfig, mount: Pose2D, *, is_real: bool = False
+    ) -> None:
         self.config, self._lidar, self._mount = config, lidar, mount
+        self._is_real = is_real
         self.forget()
 
     def forget(self) -> None:
@@ -82,7 +86,8 @@ class Surroundings:
             return f"a scan has {beams} beams instead of {self._lidar.beams}"
         if not math.radians(self._lidar.fov_deg) * 0.99 <= beams * scan.angle_increment <= 7.0:
             return "the beams of a scan are not spread over the field of view"
-        invalid = float(np.mean(~(ranges_of(scan) >= scan.range_min)))  # NaN is invalid too
+        ranges = ranges_of(scan, is_real=self._is_real)
+        invalid = float(np.mean(~(ranges >= scan.range_min)))  # NaN is invalid too
         if invalid > self.config.invalid_share:
             return f"{invalid:.0%} of the beams are invalid"
         return ""
@@ -90,7 +95,8 @@ class Surroundings:
     def update(self, scan: LaserScan, robot: Pose2D) -> None:
         """Update with a scan that was captured with base_link at `robot` in odom."""
         self.time = scan.header.stamp.ns / 1e9
-        points, starts = clusters(*_hits(scan), len(scan.ranges), GAP_M)
+        ranges = ranges_of(scan, is_real=self._is_real)
+        points, starts = clusters(*_hits(scan, ranges), len(scan.ranges), GAP_M)
         if not len(points):
             self._tracks.update(self.time, ())
             self._points = Points()
@@ -151,9 +157,8 @@ def _thinned(things: Things) -> tuple[Floats, Indices]:
     return things.xy[keep], things.of[keep]
 
 
-def _hits(scan: LaserScan) -> tuple[Floats, Indices]:
+def _hits(scan: LaserScan, ranges: Floats) -> tuple[Floats, Indices]:
     """Return the points of a scan in the lidar's frame, and the beam of each point."""
-    ranges = ranges_of(scan)
     hidden = ~(ranges >= scan.range_min)
     if hidden.any():  # many in a row are not dropouts
         runs = np.all([np.roll(hidden, k) for k in range(HIDDEN_BEAMS)], axis=0)
