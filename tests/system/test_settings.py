@@ -52,7 +52,6 @@ REFUSED = {
 """Settings whose other value of this test is refused, with words of the error."""
 
 VALUES: dict[str, Any] = {
-    "changes[].set": {"follower": {"standoff_m": 1.7}},
     "follower.estimator": "ekf_ctrv",
     "follower.estimator_params": {"straight_s": 1.0},
     "follower.planner.priorities": ["heading", "bearing", "visibility", "distance"],
@@ -258,11 +257,6 @@ CONTEXTS: dict[str, tuple[str, dict[str, Any], tuple[str, ...]]] = {
         ("follower.",),
     ),
     "pid": ("back", {"follower.control.kind": "pid", "start.y_m": 0.3}, ("follower.control<pid",)),
-    "changes": (
-        "back",
-        {"changes": [{"at_s": 0.1, "set": {"follower": {"standoff_m": 1.5}}}]},
-        ("changes",),
-    ),
     "robots": (
         "convoy",
         {},
