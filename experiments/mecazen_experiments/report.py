@@ -114,7 +114,10 @@ class Kind(NamedTuple, Generic[T]):
     least: Sequence[str] = ()
     """Scores of which the minimum over runs is shown."""
     successes: Sequence[str] = ()
-    """Scores that are 0 or 100 in a run, whose mean is a share of successes [%]."""
+    """Scores that are 0 or 100 in a run, whose mean is a share of successes [%].
+
+    If all runs of each unit agree, the interval is exact; otherwise it is over the units' shares.
+    """
     cases: Sequence[str] = ()
     """Names of the cases that the tables need."""
 
@@ -223,8 +226,8 @@ def _row(
     least = {score: min(every.get(score, ()), default=None) for score in kind.least}
     by_unit = {score: [*map(fmean, of.values())] for score, of in values.items()}
     means = {
-        score: share_interval([value > 0.0 for value in of])
-        if score in kind.successes
+        score: share_interval([value == 100.0 for value in of])
+        if score in kind.successes and {*of} <= {0.0, 100.0}
         else mean_interval(of)
         for score, of in by_unit.items()
         if score not in {*kind.sums, *kind.least}

@@ -90,11 +90,17 @@ def test_a_row_is_related_to_its_reference_in_pairs(max_ratio, expected):
     assert second.within_limits is expected
 
 
-def test_a_success_of_all_runs_has_an_exact_interval():
+def test_successes_have_an_exact_interval_and_partial_ones_that_of_shares():
     kind = FOLLOWING._replace(successes=["d_err_m"])
     runs = {(None, seed): 100.0 for seed in range(15)}
     found = summarise(kind, *made_up.series("all", runs)).means["d_err_m"]
     assert (found.mean, found.low, found.high) == (100.0, pytest.approx(78.2, abs=0.01), 100.0)
+    # walk a succeeds in 3 of 5 runs, b in all and c in none: 160 / 3 % over three walks
+    successes = {"a": [1, 1, 1, 0, 0], "b": [1] * 5, "c": [0] * 5}
+    runs = {(walk, n): 100.0 * x for walk, of in successes.items() for n, x in enumerate(of)}
+    found = summarise(kind, *made_up.series("walks", runs)).means["d_err_m"]
+    assert (found.mean, found.n) == (pytest.approx(160.0 / 3.0), 3)
+    assert found.high - found.mean == pytest.approx(4.303 * 50.33 / 3**0.5, rel=1e-3)  # Student's
 
 
 @pytest.mark.parametrize("kind", [*KINDS.values(), fuzz.EPISODE, fuzz.FREEZES, budget.BOUND])
