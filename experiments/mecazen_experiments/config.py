@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -11,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 from mecazen.errors import ConfigError
-from mecazen.files import parse_value
+from mecazen.files import to_value
 from mecazen.loading import given_file, load_table, named_file
 from mecazen.schema import Finite, Positive, Section, SectionT
 
@@ -24,6 +23,8 @@ Settings = tuple[str, ...]
 """Overrides `key=value`, as in `--set`."""
 Sweep = dict[str, tuple[bool | int | float | str, ...]]
 """Settings with several values each: one run for each combination."""
+STRING = re.compile(r""""[^"]*"|'[^']*'|^[^\[{"']+$""")
+"""Each string in a value of TOML; a bare word is one."""
 
 
 class Case(Section):
@@ -145,17 +146,24 @@ class Tuning(Section):
 def load_cases(path: Path, kind: type[SectionT]) -> SectionT:
     """Load an experiment or a search, with the scenarios and files that it names.
 
-    A path in `set` is relative to the file, if there is such a file.
+    A path in `set` or `grid`, also within a list or a table, is relative to the file, if there is
+    such a file.
     """
 
-    def located(setting: object) -> object:
-        key, equals, text = setting.partition("=") if isinstance(setting, str) else ("", "", "")
-        value = parse_value(text) if equals and "$" not in text else None
-        if not isinstance(value, str) or "." not in value:
-            return setting
-        name, colon, rest = value.partition(":")
+    def absolute(text: re.Match[str]) -> str:
+        name, colon, rest = text[0].strip("\"' ").partition(":")
         file = (path.parent / name).resolve()
-        return f"{key}={json.dumps(f'{file}{colon}{rest}')}" if file.is_file() else setting
+        return to_value(f"{file}{colon}{rest}") if "." in name and file.is_file() else text[0]
+
+    def located(settings: Any) -> Any:
+        if isinstance(settings, dict):
+            return {name: located(of) for name, of in settings.items()}
+        if isinstance(settings, list):
+            return [located(of) for of in settings]
+        if not isinstance(settings, str):
+            return settings
+        key, equals, value = settings.partition("=")
+        return key + equals + STRING.sub(absolute, value)
 
     def prepare(raw: dict[str, Any]) -> None:
         listed = raw.get("cases")
@@ -165,8 +173,8 @@ def load_cases(path: Path, kind: type[SectionT]) -> SectionT:
             name = table.get("scenario")
             if isinstance(name, str) and re.fullmatch(r"[\w-]+", name):
                 table["scenario"] = str(named_file(name, "scenario", f"{path}: ").resolve())
-            if isinstance(table.get("set"), list):
-                table["set"] = [located(setting) for setting in table["set"]]
+            for key in table.keys() & {"set", "grid"}:
+                table[key] = located(table[key])
 
     return load_table(path, kind, prepare)
 

@@ -1,5 +1,6 @@
 """Files of experiments and searches, and what is said of wrong ones."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -79,6 +80,26 @@ def test_values_of_a_sweep_are_given_with_commas():
 def test_a_sweep_without_key_or_values_is_refused(option):
     with pytest.raises(ConfigError, match=f"--sweep {option}: must be key.path=value,value"):
         parse_sweeps([option])
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("programs.follower='mine.py:Mine'", 'programs.follower="{}:Mine"'),
+        ("programs.follower=mine.py:Mine", 'programs.follower="{}:Mine"'),
+        ('target.path={kind="a", file="mine.py"}', 'target.path={{kind="a", file="{}"}}'),
+        ("a={x_m=$x_m, b=[1.5, 'mine.py']}", 'a={{x_m=$x_m, b=[1.5, "{}"]}}'),
+        ("a={file='none.py'}", "a={{file='none.py'}}"),  # there is no such file
+        ("seed=2", "seed=2"),
+    ],
+)
+def test_a_path_in_set_and_grid_is_relative_to_the_file(folder, setting, expected):
+    mine = folder.write("mine.py", "")
+    text = (
+        f"set = [{json.dumps(setting)}]\n{CASE}\n[grid]\nview = {{ a = [{json.dumps(setting)}] }}"
+    )
+    found = load_cases(folder.write("mine.toml", text), Experiment)
+    assert found.settings == found.grid["view"]["a"] == (expected.format(mine),)
 
 
 def test_a_scenario_may_be_named_and_a_path_in_set_is_relative_to_the_file(tmp_path, monkeypatch):
