@@ -1,5 +1,6 @@
 """The table of an experiment's cases as a terminal shows it."""
 
+import mecazen_tools.__main__  # noqa: F401  # registers the marks
 import msgspec
 import pytest
 from mecazen_experiments.following import cases
@@ -15,6 +16,9 @@ def test_the_table_has_means_intervals_and_marks():
     for word in ("good [red]", "0.1000", "0.1000 … 0.1000", "1.00", "D_err [m]", "✓", "✗"):
         assert word in text
     assert "d_err_m ≤ 0.05" in text
+    in_ascii = text.encode("ascii", "marks").decode()
+    for words in ("+ d_err_m < 0.2", "- d_err_m < 0.05", "+ where all", "D_err [m]", "?_err [?]"):
+        assert words in in_ascii
 
 
 def test_a_single_run_has_no_interval_and_a_ratio_to_its_reference():
