@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 import typer
-from mecazen.errors import ConfigError, MecazenError, explained
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import named_file
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
@@ -36,6 +36,7 @@ from mecazen_experiments.config import (
 )
 from mecazen_experiments.executor import (
     Progress,
+    RunsFailedError,
     Workers,
     cluster_workers,
     do_all,
@@ -47,7 +48,7 @@ from mecazen_experiments.followbench.entrants import entrant
 from mecazen_experiments.followbench.episodes import read_folder
 from mecazen_experiments.followbench.planners import PLANNERS
 from mecazen_experiments.following import FOLLOWING
-from mecazen_experiments.jobs import Job, Key, Series, expand
+from mecazen_experiments.jobs import Key, Series, expand
 from mecazen_experiments.kinds import KINDS
 from mecazen_experiments.report import Kind, Record
 from mecazen_experiments.run import film
@@ -82,15 +83,41 @@ class Session(NamedTuple):
     store: Store
     workers: Workers
     progress: Progress
+    failed: list[RunsFailedError]
+    """Failures of runs whose commands have other results to report first."""
 
-    def run(self, kind: Kind[T], todo: Iterable[Series]) -> dict[Key, Record[T]]:
-        """Return the records of all runs; see `run_all`."""
-        return run_all(kind, _jobs(todo), self.store, self.workers, self.progress)
+    def run(
+        self, kind: Kind[T], todo: Sequence[Series]
+    ) -> tuple[list[Series], dict[Key, Record[T]], list[report.Row[T]]]:
+        """Return the series with all runs that succeed, the records and the rows; see `run_all`.
 
-    def rows(self, kind: Kind[T], todo: Sequence[Series]) -> list[report.Row[T]]:
-        """Return the rows of all series."""
-        records = self.run(kind, todo)
-        return [report.summarise(kind, one, records) for one in todo]
+        Raises:
+            RunsFailedError: No run succeeds.
+        """
+        jobs = [job for one in todo for job in one.jobs]
+        try:
+            records = run_all(kind, jobs, self.store, self.workers, self.progress)
+        except RunsFailedError as error:
+            self.failed.append(error)
+            if not (records := self.store.find(kind, [job.key for job in jobs])):
+                raise
+        kept = [
+            one._replace(jobs=tuple(job for job in one.jobs if job.key in records)) for one in todo
+        ]
+        kept = [one for one in kept if one.jobs]
+        return kept, records, [report.summarise(kind, one, records) for one in kept]
+
+    def show(self, tables: Sequence[Table], written: Sequence[Path]) -> None:
+        """Print tables and the names of files, then see `check`."""
+        console(WIDTH).print(*tables, sep="\n")
+        for file in written:
+            typer.echo(file)
+        self.check()
+
+    def check(self) -> None:
+        """Raise the errors of the runs that failed, after the others are reported."""
+        if self.failed:
+            raise MecazenError("\nerror: ".join(map(str, self.failed)))
 
 
 def run(
@@ -124,10 +151,11 @@ def run(
     if missing := [case for case in kind.cases if case not in {one.row for one in todo}]:
         raise ConfigError(f"kind = {loaded[0][0].kind!r} needs a case named {missing[0]!r}")
     with _session(options, "runs") as session:
-        records = session.run(kind, todo)
-        rows = [report.summarise(kind, one, records) for one in todo]
+        todo, records, rows = session.run(kind, todo)
         rows = report.relate(kind, rows, todo)
         with _reporting(options, {"rows": rows}):
+            if {*kind.cases} - {one.row for one in todo}:
+                session.check()  # a case without a run
             _write(options, {"rows": rows}, kind.tables(rows))
             shown = rows
             if verbose:
@@ -146,9 +174,7 @@ def run(
                 written += [file for _, files_of in exported for file in files_of]
             if figures is not None and kind.draw is not None:
                 written += kind.draw(figures, todo, rows, partial(do_all, workers=session.workers))
-    console(WIDTH).print(*tables, sep="\n")
-    for file in written:
-        typer.echo(file)
+    session.show(tables, written)
 
 
 def tune(options: Options, file: str) -> None:
@@ -169,9 +195,10 @@ def budget(options: Options, file: str, runs: int | None, walks: Path | None) ->
     _, todo = _load(file, runs, walks)
     _, oracle = _load(file, runs, walks, (budgets.ORACLE,))
     with _session(options, "runs") as session:
-        both = session.rows(FOLLOWING, [*todo, *oracle])
-        bounds = session.rows(budgets.BOUND, todo)
+        *_, both = session.run(FOLLOWING, [*todo, *oracle])
+        *_, bounds = session.run(budgets.BOUND, todo)
     with _reporting(options, {"rows": [*both, *bounds]}):
+        session.check()
         parts = zip(both[: len(todo)], both[len(todo) :], bounds, strict=True)
         rows = [budgets.budget(*of_case) for of_case in parts]
         shown = table(["case"], budgets.COLUMNS, rows)
@@ -205,7 +232,7 @@ def fuzz(
         finally:
             done = [*store.find(kind, keys).values()]
             typer.echo(fuzzing.tell(done))
-    _write(options, {"minutes": done})
+            _write(options, {"minutes": done})
     if any(one.scores.contacts for one in done):
         raise MecazenError("the robot has caused a contact")
 
@@ -244,7 +271,7 @@ def followbench(
         todo = bench.drawn(names, range(seed, seed + episodes), only)
     written: list[Path] = []
     with _session(options, "episodes") as session:
-        rows = session.rows(kind, todo)
+        todo, _, rows = session.run(kind, todo)
         with _reporting(options, {"rows": rows}):
             tables = kind.tables(rows)
             _write(options, {"rows": rows}, tables)
@@ -254,9 +281,7 @@ def followbench(
                 record = partial(bench.film_of, films)
                 worst = [bench.worst(*one) for one in zip(todo, rows, strict=True)]
                 written += [file for _, file in do_all(record, worst, session.workers)]
-    console(WIDTH).print(*tables, sep="\n")
-    for file in written:
-        typer.echo(file)
+    session.show(tables, written)
 
 
 def leaderboard(results: Sequence[Path], figures: Path | None) -> None:
@@ -287,10 +312,6 @@ def _load(
     return experiment, expand(experiment, seeds, tuple(settings), parse_sweeps(sweep), files)
 
 
-def _jobs(todo: Iterable[Series]) -> list[Job]:
-    return [job for one in todo for job in one.jobs]
-
-
 @contextmanager
 def _session(options: Options, what: str) -> Iterator[Session]:
     """Open the store and the workers, and show progress; Ctrl-C ends it in one line."""
@@ -298,11 +319,13 @@ def _session(options: Options, what: str) -> Iterator[Session]:
         raise ConfigError(f"--json {options.json}: no such folder")
     if options.scheduler is not None and options.jobs is not None:
         raise ConfigError("--jobs: the cluster of --scheduler has its own number of processes")
+    terminal = Console(stderr=True)
     bar = Bar(
         *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=terminal,
         transient=True,
+        disable=not terminal.is_terminal,  # it would leave an empty line
         speed_estimate_period=600.0,  # a run takes seconds, and a trial minutes
     )
     task = bar.add_task(what, total=None)
@@ -312,7 +335,7 @@ def _session(options: Options, what: str) -> Iterator[Session]:
 
     try:
         with closing(Store(options.store)) as store, _workers(options) as workers, bar:
-            yield Session(store, workers, progress)
+            yield Session(store, workers, progress, [])
     except KeyboardInterrupt:
         done, total = bar.tasks[0].completed, bar.tasks[0].total or 0
         typer.echo(
@@ -325,14 +348,14 @@ def _session(options: Options, what: str) -> Iterator[Session]:
 
 @contextmanager
 def _reporting(options: Options, result: Mapping[str, object]) -> Iterator[None]:
-    """Write a result before its report; a failure of the report names the place of the result."""
+    """Write a result and print its place before its report is made."""
     _write(options, result)
+    places = " and ".join(str(file) for file in (options.store, options.json) if file)
+    typer.echo(f"results: {places}", err=True)
     try:
         yield
-    except Exception as error:
-        why = error if isinstance(error, MecazenError) else explained(error)
-        files_of = " and ".join(str(file) for file in (options.store, options.json) if file)
-        raise MecazenError(f"no report: {why}; the results are in {files_of}") from error
+    except OSError as error:
+        raise MecazenError(f"no report: {error}") from error
 
 
 def _workers(options: Options) -> AbstractContextManager[Workers]:

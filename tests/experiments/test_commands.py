@@ -89,7 +89,7 @@ def test_one_process_and_two_give_the_same_rows(folder):
             *("run", "short_experiment.toml", "--jobs", jobs),
             *("--store", f"{jobs}.sqlite", "--json", f"{jobs}.json"),
         )
-        assert errors == ""
+        assert errors == f"results: {jobs}.sqlite and {jobs}.json"
         outputs.add(out)
     assert folder.runs("1.json") == folder.runs("2.json")
     assert len({sha256 for _, _, _, sha256, _ in folder.runs("1.json")}) == 4
@@ -126,17 +126,27 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(held, undisturbed, job
     assert held.runs("out.json") == undisturbed
 
 
-def test_a_report_that_fails_names_its_results_and_keeps_them(tmp_path):
+@pytest.mark.parametrize(
+    ("failure", "kind", "message"),
+    [
+        (ConfigError("no frames"), ConfigError, "^no frames$"),
+        (PermissionError("no entry"), MecazenError, "^no report: no entry$"),
+        (KeyError("nees"), KeyError, "nees"),  # a fault of the program is a traceback
+    ],
+)
+def test_results_are_written_and_named_before_a_report_fails(
+    tmp_path, capsys, failure, kind, message
+):
     file = tmp_path / "out.json"
     options = commands.Options(1, None, tmp_path / "store.sqlite", file)
-    for failure, why in ((ConfigError("no frames"), "no frames"), (KeyError("nees"), "KeyError")):
-        expected = f"^no report: {why}.*; the results are in .*store.sqlite and {file}$"
-        with (
-            pytest.raises(MecazenError, match=expected),
-            commands._reporting(options, {"rows": [1]}),
-        ):
-            raise failure
-        assert msgspec.json.decode(file.read_bytes())["rows"] == [1]
+    with (
+        pytest.raises(kind, match=message) as caught,
+        commands._reporting(options, {"rows": [1]}),
+    ):
+        raise failure
+    assert type(caught.value) is kind
+    assert msgspec.json.decode(file.read_bytes())["rows"] == [1]
+    assert capsys.readouterr().err == f"results: {options.store} and {file}\n"
 
 
 def test_a_case_that_a_table_needs_is_missed_before_the_runs(folder):
@@ -179,12 +189,19 @@ def test_a_worker_that_is_killed_loses_nothing(held, undisturbed, workers):
     process = held.popen("run", "short_experiment.toml", *workers, "--json", "out.json")
     os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
     _, errors = held.finish(process)
-    assert errors == ""
+    assert errors == "results: experiments.sqlite and out.json"
     assert held.runs("out.json") == undisturbed
 
 
-def test_a_run_that_takes_its_workers_with_it_is_named_and_the_rest_is_kept(folder):
+def test_a_run_that_takes_its_workers_with_it_is_named_and_the_rest_is_reported(folder):
     write_standing(folder, "Lethal")
-    _, errors = folder.mecazen("run", "short_experiment.toml", "--jobs", 2, code=1)
-    assert errors == "error: short, seed 3: its worker died, each time it was tried"
+    command = "run", "short_experiment.toml", "--jobs", 2, "--json", "out.json"
+    out, errors = folder.mecazen(*command, code=1)
+    assert errors.splitlines() == [
+        "results: experiments.sqlite and out.json",
+        "error: short, seed 3: its worker died, each time it was tried",
+    ]
     assert stored(folder.path / "experiments.sqlite").keys() == {1, 2, 4}
+    (row,) = msgspec.json.decode((folder.path / "out.json").read_bytes())["rows"]
+    assert [run["record"]["key"]["seed"] for run in row["runs"]] == [1, 2, 4]
+    assert "short" in out
