@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from statistics import fmean, stdev
 from typing import TypeVar
 
 import msgspec
+import numpy as np
 from scipy.stats import binomtest, chi2, t
 
+T = TypeVar("T")
 Key = TypeVar("Key", int, str)
 """The key of a pair of runs: a seed, or the name of an episode."""
 LEAST_UNITS = 10
@@ -31,6 +33,11 @@ class Interval(msgspec.Struct, frozen=True):
         half = (self.high - self.mean) / _quantile(2)
         return self.mean - half, self.mean + half
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The limits, or with n = 2 the two values."""
+        return self.values if self.n == 2 else (self.low, self.high)
+
 
 def mean_interval(values: Sequence[float]) -> Interval:
     """Return the mean of `values` with its t interval (Student 1908); one value has no width."""
@@ -41,6 +48,27 @@ def mean_interval(values: Sequence[float]) -> Interval:
         return Interval(mean, mean, mean, n)
     half = _quantile(n) * stdev(values) / math.sqrt(n)
     return Interval(mean, mean - half, mean + half, n)
+
+
+def jackknife(
+    statistics: Callable[[Sequence[T]], Sequence[float]], units: Sequence[T]
+) -> list[Interval]:
+    """Return statistics of all units together, each with its t interval over the units.
+
+    The values of the interval are Tukey's pseudo-values (Annals of Mathematical Statistics 29,
+    1958), which tell how much each unit moves a statistic; they are shifted so that their mean is
+    the statistic. With a single unit, an interval has no width. A statistic that is NaN without one
+    of the units has NaN as limits.
+    """
+    whole, n = np.asarray(statistics(units)), len(units)
+    if n == 1:
+        return [mean_interval([value]) for value in whole.tolist()]
+    without = np.array([statistics([*units[:i], *units[i + 1 :]]) for i in range(n)])
+    pseudo = whole + (n - 1) * (without.mean(axis=0) - without)
+    return [
+        Interval(value, math.nan, math.nan, n) if np.isnan(values).any() else mean_interval(values)
+        for value, values in zip(whole.tolist(), pseudo.T.tolist(), strict=True)
+    ]
 
 
 def _quantile(n: int) -> float:

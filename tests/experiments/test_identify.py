@@ -20,6 +20,7 @@ from mecazen_experiments.identify.commands import read
 from mecazen_experiments.identify.drift import drifts, integrated, odometry, shifted
 from mecazen_experiments.identify.fit import estimates, fit
 from mecazen_experiments.identify.identification import (
+    _units,
     best_geometry,
     folds,
     group,
@@ -100,16 +101,19 @@ def test_radius_lever_gain_and_mounting_come_out_of_data_without_noise():
 
 def test_planted_values_are_within_their_intervals_in_18_of_20_seeds():
     planted = {"radius_m": RADIUS, "lever_m": LEVER, "lateral_gain": GAIN}
-    inside, seeds = dict.fromkeys(planted, 0), 20
+    inside, held, seeds = dict.fromkeys(planted, 0), dict.fromkeys(planted, 0), 20
     for seed in range(seeds):
         runs = [driven(100 * seed + run, noise_m=0.0003, seconds=40.0) for run in range(2)]
-        values, ambiguities = estimates(fit(lateral(NOMINAL), moments(runs)), moments(runs))
+        found = fit(lateral(NOMINAL), moments(runs))
+        values, ambiguities = estimates(found, _units(runs, moments(runs)[""], 0.0))
         assert ambiguities == ()
         for name, true in planted.items():
             one = values[name]
             assert one.value == pytest.approx(true, rel=0.003)
             inside[name] += abs(one.value - true) < one.curvature
+            held[name] += one.low < true < one.high  # over eight blocks of 10 s
     assert min(inside.values()) >= 18
+    assert min(held.values()) >= 18
 
 
 def test_each_wheel_has_its_radius():
@@ -138,7 +142,7 @@ def test_parameters_that_no_motion_depends_on_are_named():
         wheels=np.outer(straight.poses[:, 0], np.ones(4)) / RADIUS,
     )
     data = moments([straight])
-    _, ambiguities = estimates(fit(lateral(NOMINAL), data), data)
+    _, ambiguities = estimates(fit(lateral(NOMINAL), data), [("", *data[""])])
     assert any(line.startswith("lever_m is not determined") for line in ambiguities)
 
 

@@ -59,7 +59,7 @@ def drift(found, model, kind, horizon_s=10.0):
         for one in found["drifts"]
         if (one["model"], one["kind"], one["horizon_s"]) == (model, kind, horizon_s)
     ]
-    return one["position_median_m"]["value"]
+    return one["position_median_m"]["mean"]
 
 
 @pytest.mark.parametrize(("kind", "limit_m"), [("circular", 0.006), ("square", 0.02)])

@@ -46,8 +46,7 @@ def identify(
     figures = draw(found, residuals(base, runs, found), out)
     for note in found.notes:
         typer.echo(note, err=True)
-    gain = found.lateral_gain
-    typer.echo(f"lateral over forward gain: {gain.mean:.4f} ({gain.low:.4f} to {gain.high:.4f})")
+    typer.echo(f"lateral over forward gain: {report.interval(found.lateral_gain, 4)}")
     typer.echo(f"most likely number of rollers: {found.roller_count}")
     for file in (*report.write(found, changed, figures, out), *figures):
         typer.echo(file)

@@ -19,6 +19,7 @@ from mecazen_experiments.identify.identification import (
 from mecazen_experiments.identify.models import ROLLER_COUNTS, rollers_gain
 from mecazen_experiments.identify.runs import Array
 from mecazen_experiments.identify.validate import Validation
+from mecazen_experiments.statistics import Interval
 
 
 def draw(found: Identification, residuals: Residuals, folder: Path) -> list[Path]:
@@ -46,11 +47,8 @@ def lateral_gain(sessions: Sequence[SessionResult]) -> Figure:
         kinds = list(dict.fromkeys(one.session.split("_")[0] for one in sessions))
         for kind, colour in zip(kinds, PALETTE, strict=False):
             own = [(i, s) for i, s in enumerate(sessions) if s.session.split("_")[0] == kind]
-            at, values = [i for i, _ in own], [s.lateral_gain for _, s in own]
-            bars = [
-                [s.lateral_gain - s.low for _, s in own],
-                [s.high - s.lateral_gain for _, s in own],
-            ]
+            values, bars = _bars([session.lateral_gain for _, session in own])
+            at = [position for position, _ in own]
             left.errorbar(at, values, bars, fmt="o", ms=2.5, lw=0.8, color=colour, label=kind)
         names = [one.session.split("_")[-1] for one in sessions]
         left.set_xticks(range(len(names)), names, rotation=90)
@@ -60,7 +58,7 @@ def lateral_gain(sessions: Sequence[SessionResult]) -> Figure:
         right.plot(counts, [rollers_gain(n) for n in counts], "o", ms=2.5, color=ORANGE)
         mean = mean_gain(sessions)
         for axes in (left, right):
-            axes.axhspan(mean.low, mean.high, color=BLUE, alpha=0.2, lw=0.0)
+            axes.axhspan(*mean.ends, color=BLUE, alpha=0.2, lw=0.0)
             axes.axhline(1.0, color="black", lw=0.5, ls=DASHES)
         right.annotate("ideal kinematics", (5.0, 1.0), (0, -7), textcoords="offset points")
         right.set(xlabel="rollers in contact per turn, N", title="sin(π/N)/(π/N)", xticks=counts)
@@ -105,14 +103,16 @@ def drift_by_model(found: Validation) -> Figure:
         for index, (kind, colour) in enumerate(zip(kinds, PALETTE, strict=False)):
             own = {one.model: one.position_median_m for one in shown if one.kind == kind}
             at = [position + 0.2 * index - 0.1 for position in range(len(models))]
-            values = [1e3 * own[model].value for model in models]
-            bars = [
-                [1e3 * (own[model].value - own[model].low) for model in models],
-                [1e3 * (own[model].high - own[model].value) for model in models],
-            ]
+            values, bars = _bars([own[model] for model in models], 1e3)
             axes.errorbar(values, at, xerr=bars, fmt="o", ms=3.0, lw=0.8, color=colour, label=kind)
         axes.set_yticks(range(len(models)), models)
         axes.invert_yaxis()
         axes.set(xlabel=f"median drift after {longest:g} s [mm]", xlim=(0.0, None))
         axes.legend(loc="lower right")
     return figure
+
+
+def _bars(intervals: Sequence[Interval], scale: float = 1.0) -> tuple[list[float], list[float]]:
+    """Return the means, and the lengths of the error bars on both sides."""
+    means = [scale * one.mean for one in intervals]
+    return means, [scale * one.ends[1] - mean for one, mean in zip(intervals, means, strict=True)]

@@ -1,8 +1,9 @@
 """Maximum likelihood on windows: values with intervals, noise, and undetermined parameters.
 
 Residuals of windows are normal, with one deviation for position and one for yaw in each group of
-runs; both are estimated. Windows of a run are not quite independent, so the intervals are from a
-bootstrap over runs. Intervals from the curvature are given for comparison.
+runs; both are estimated. Windows of a run are not quite independent, so the intervals are over
+sessions, or over blocks of windows of a single session. Intervals from the curvature are given for
+comparison.
 """
 
 from __future__ import annotations
@@ -17,11 +18,10 @@ from scipy.optimize import least_squares
 from mecazen_experiments.identify.models import Model
 from mecazen_experiments.identify.runs import Array
 from mecazen_experiments.identify.windows import Moments, total
+from mecazen_experiments.statistics import jackknife
 
 ROUNDS = 4
 """Number of fits; each uses the noise estimated by the previous fit."""
-RESAMPLED = 200
-SEED = 1
 MAX_CORRELATION = 0.995
 """Parameters with a higher correlation can't be told apart."""
 VAGUE = 0.1
@@ -38,7 +38,7 @@ class Estimate:
     value: float
     low: float
     high: float
-    """Interval from resampled runs; NaN with fewer than three runs in a group."""
+    """Interval over sessions or blocks of windows; NaN without a second one to fit to."""
     curvature: float
     """Half of the interval from the curvature of the likelihood."""
 
@@ -59,6 +59,11 @@ class Fit:
     groups: tuple[str, ...]
     values: Array
     noise: Mapping[str, Noise]
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The values of the free parameters."""
+        return dict(zip(self.model.names(self.groups), self.values.tolist(), strict=True))
 
     def coefficients(self, group: str) -> Array:
         """Return J and the reference's offset for a group (14,)."""
@@ -81,25 +86,42 @@ def fit(model: Model, runs: Grouped) -> Fit:
     return _fit(model, {group: total(runs[group]) for group in sorted(runs)})
 
 
-def estimates(found: Fit, runs: Grouped) -> tuple[dict[str, Estimate], tuple[str, ...]]:
-    """Return the parameters with intervals, and sentences on undetermined parameters."""
-    names = found.model.names(found.groups)
-    spread = _covariance(found, {group: total(runs[group]) for group in found.groups})
-    drawn = _resampled(found, runs)
+def estimates(
+    found: Fit, units: Sequence[tuple[str, Moments]]
+) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+    """Return the parameters with intervals, and sentences on undetermined parameters.
+
+    Args:
+        found: The fit.
+        units: Group and moments of each independent part of the data.
+    """
+    spread = _covariance(found, _sums(units))
+
+    def values(kept: Sequence[tuple[str, Moments]]) -> list[float]:
+        again = _fit(found.model, _sums(kept), found).by_name
+        return [again.get(name, math.nan) for name in found.by_name]  # NaN without the group
+
     result = {}
-    for index, name in enumerate(names):
-        low, high = math.nan, math.nan
-        if len(drawn):
-            low, high = np.percentile(drawn[:, index], [2.5, 97.5])
-        half = 1.96 * math.sqrt(spread[index, index])
-        result[name] = Estimate(float(found.values[index]), float(low), float(high), half)
-    return result, ambiguities(names, spread)
+    for (name, value), interval, variance in zip(
+        found.by_name.items(), jackknife(values, units), np.diag(spread), strict=True
+    ):
+        half = interval.high - interval.mean if len(units) > 1 else math.nan
+        result[name] = Estimate(value, value - half, value + half, 1.96 * math.sqrt(variance))
+    return result, ambiguities([*result], spread)
+
+
+def _sums(units: Sequence[tuple[str, Moments]]) -> dict[str, Moments]:
+    """Return the sum of each group, in the order of their names."""
+    groups = sorted({group for group, _ in units})
+    return {name: total(part for group, part in units if group == name) for name in groups}
 
 
 def _fit(model: Model, sums: Mapping[str, Moments], near: Fit | None = None) -> Fit:
     """Return the fit to sums of groups; with `near`, start there and keep its noise."""
     groups = tuple(sums)
-    values = model.begin(groups) if near is None else near.values
+    values = model.begin(groups)
+    if near is not None:
+        values = np.array([near.by_name[name] for name in model.names(groups)])
     noise = {group: Noise(1e-3, 1e-3) for group in groups} if near is None else near.noise
     for _ in range(ROUNDS if near is None else 1):
         if len(values):
@@ -168,23 +190,6 @@ def covariance(slopes: Array) -> Array:
     eigenvalues, vectors = np.linalg.eigh((slopes / scale).T @ (slopes / scale))
     inverse = (vectors / np.maximum(eigenvalues, 1e-15)) @ vectors.T
     return np.asarray(inverse / np.outer(scale, scale))
-
-
-def _resampled(found: Fit, runs: Grouped) -> Array:
-    """Return the estimates of resampled runs; each group keeps its number of runs."""
-    if min(map(len, runs.values())) < 3 or not len(found.values):
-        return np.empty((0, len(found.values)))
-    random = np.random.default_rng(SEED)
-    drawn = []
-    for _ in range(RESAMPLED):
-        sums = {
-            group: total(
-                runs[group][i] for i in random.integers(len(runs[group]), size=len(runs[group]))
-            )
-            for group in found.groups
-        }
-        drawn.append(_fit(found.model, sums, found).values)
-    return np.stack(drawn)
 
 
 def ambiguities(names: Sequence[str], covariance: Array) -> tuple[str, ...]:

@@ -11,8 +11,6 @@ from mecazen.robot import Robot
 from scipy.optimize import minimize_scalar
 
 from mecazen_experiments.identify.fit import (
-    RESAMPLED,
-    SEED,
     Estimate,
     Fit,
     Grouped,
@@ -32,7 +30,7 @@ from mecazen_experiments.identify.motors import MotorLog, identify_motors
 from mecazen_experiments.identify.runs import Array, Run, run_lines
 from mecazen_experiments.identify.wheels import check_wheels, gains, mounting
 from mecazen_experiments.identify.windows import Moments, cut, total
-from mecazen_experiments.statistics import Interval, mean_interval
+from mecazen_experiments.statistics import Interval, jackknife, mean_interval
 
 WINDOW_S = 0.5
 """Duration of a window: long enough for motion far beyond the reference's noise, short enough for
@@ -40,8 +38,7 @@ little yaw."""
 MAX_OFFSET_S = 0.2
 """Maximum offset of the two clocks in the search."""
 BLOCK = 20
-"""Number of windows that are resampled together, since residuals of neighbours are not
-independent."""
+"""Number of windows of a block: residuals of neighbours are not independent."""
 OFFSET_RUNS = 24
 """Number of runs from which the offset of the clocks is estimated."""
 
@@ -66,10 +63,9 @@ class RollerResult:
     """A hypothesis on the number of rollers."""
 
     count: int
-    behind: float
-    """Log-likelihood of the most likely number minus that of this number, for all windows."""
-    chosen: float
-    """Share of resamplings of the sessions in which this number is the most likely one."""
+    behind: Interval
+    """Log-likelihood of the most likely number minus that of this number, for all windows, with its
+    interval over sessions."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +74,8 @@ class SessionResult:
 
     session: str
     runs: int
-    lateral_gain: float
-    low: float
-    high: float
-    """95 % interval over resampled blocks of windows."""
+    lateral_gain: Interval
+    """The interval is over blocks of windows."""
     missing: float
 
 
@@ -109,7 +103,7 @@ class Identification:
     @property
     def roller_count(self) -> int:
         """The most likely number of rollers."""
-        return min(self.rollers, key=lambda one: one.behind).count
+        return min(self.rollers, key=lambda one: one.behind.mean).count
 
     def model(self, name: str) -> ModelResult:
         """Return a model by its name."""
@@ -130,16 +124,17 @@ def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -
     offset = clock_offset(nominal, runs)
     moments = [Moments.of(cut(run, WINDOW_S, offset.value)) for run in runs]
     grouped = group(runs, moments)
+    units = _units(runs, moments, offset.value)
     counted = [rollers(nominal, count) for count in ROLLER_COUNTS]
     scores = {m.name: held_out(m, runs, moments) for m in (*families(nominal), *counted)}
     hypotheses = _hypotheses(counted, runs, moments)
-    best_count = min(hypotheses, key=lambda one: one.behind).count
+    best_count = min(hypotheses, key=lambda one: one.behind.mean).count
     models = sorted((*families(nominal), rollers(nominal, best_count)), key=lambda m: len(m.start))
     best = max(models, key=lambda m: _mean(scores[m.name], moments)).name
     results = []
     for model in models:
         found = fit(model, grouped)
-        parameters, ambiguities = estimates(found, grouped)
+        parameters, ambiguities = estimates(found, units)
         score, top = scores[model.name], scores[best]
         behind = _by_session(runs, moments, top - score)
         results.append(
@@ -261,21 +256,20 @@ def _hypotheses(
 ) -> list[RollerResult]:
     """Return the hypotheses on the number of rollers, each fitted to all runs."""
     grouped = group(runs, moments)
-    names = sessions(runs)
     table = []
     for model in models:
         found: Fit = fit(model, grouped)
-        scores = np.array(
-            [found.log_likelihood(run.group, one) for run, one in zip(runs, moments, strict=True)]
-        )
-        table.append([sum(scores[[r.session == name for r in runs]]) for name in names])
-    scores = np.array(table)
-    draws = np.random.default_rng(SEED).integers(len(names), size=(1000, len(names)))
-    chosen = np.bincount(np.argmax(scores[:, draws].sum(axis=2), axis=0), minlength=len(models))
-    top = scores.sum(axis=1).max()
+        by_session = dict.fromkeys(sessions(runs), 0.0)
+        for run, one in zip(runs, moments, strict=True):
+            by_session[run.session] += found.log_likelihood(run.group, one)
+        table.append([*by_session.values()])
+    top = max(table, key=math.fsum)
     return [
-        RollerResult(count, float(top - of.sum()), float(share))
-        for count, of, share in zip(ROLLER_COUNTS, scores, chosen / len(draws), strict=True)
+        RollerResult(
+            count,
+            mean_interval([len(top) * (a - b) for a, b in zip(top, scores, strict=True)]),
+        )
+        for count, scores in zip(ROLLER_COUNTS, table, strict=True)
     ]
 
 
@@ -289,29 +283,41 @@ def session_results(
 def mean_gain(results: Sequence[SessionResult]) -> Interval:
     """Return the mean of the lateral over forward gain over sessions; of one, its interval."""
     if len(results) == 1:
-        return Interval(results[0].lateral_gain, results[0].low, results[0].high, 1)
-    return mean_interval([one.lateral_gain for one in results])
+        return results[0].lateral_gain
+    return mean_interval([one.lateral_gain.mean for one in results])
 
 
 def _session(runs: Sequence[Run], offset_s: float, name: str, nominal: Nominal) -> SessionResult:
     """Return lateral over forward gain of a session, with its interval over blocks of windows."""
     own = [run for run in runs if run.session == name]
-    blocks = [
-        Moments.of(part) for run in own for part in cut(run, WINDOW_S, offset_s).blocks(BLOCK)
-    ]
 
-    def ratio(chosen: Sequence[Moments]) -> float:
-        found, _ = gains(total(chosen))
-        return float(found[1] / found[0] * nominal.cross_gain)
+    def ratio(blocks: Sequence[tuple[str, Moments]]) -> list[float]:
+        found, _ = gains(total(part for _, part in blocks))
+        return [float(found[1] / found[0] * nominal.cross_gain)]
 
-    random = np.random.default_rng(SEED)
-    drawn = [
-        ratio([blocks[index] for index in random.integers(len(blocks), size=len(blocks))])
-        for _ in range(RESAMPLED)
+    (gain,) = jackknife(ratio, _blocks(own, offset_s))
+    return SessionResult(name, len(own), gain, math.fsum(run.missing for run in own) / len(own))
+
+
+def _units(
+    runs: Sequence[Run], moments: Sequence[Moments], offset_s: float
+) -> list[tuple[str, Moments]]:
+    """Return group and moments of each session; of a single one, those of its blocks."""
+    by_session: dict[tuple[str, str], list[Moments]] = {}
+    for run, part in zip(runs, moments, strict=True):
+        by_session.setdefault((run.session, run.group), []).append(part)
+    if len(by_session) == 1:
+        return _blocks(runs, offset_s)
+    return [(name, total(parts)) for (_, name), parts in by_session.items()]
+
+
+def _blocks(runs: Sequence[Run], offset_s: float) -> list[tuple[str, Moments]]:
+    """Return group and moments of each block of windows."""
+    return [
+        (run.group, Moments.of(block))
+        for run in runs
+        for block in cut(run, WINDOW_S, offset_s).blocks(BLOCK)
     ]
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    missing = math.fsum(run.missing for run in own) / len(own)
-    return SessionResult(name, len(own), ratio(blocks), float(low), float(high), missing)
 
 
 def best_geometry(found: Identification) -> ModelResult:

@@ -14,7 +14,8 @@ from mecazen_tools import files
 from mecazen_experiments.identify.fit import Estimate
 from mecazen_experiments.identify.identification import Identification, ModelResult
 from mecazen_experiments.identify.models import FRAME, rollers_gain
-from mecazen_experiments.identify.validate import Statistic, Validation
+from mecazen_experiments.identify.validate import Validation
+from mecazen_experiments.statistics import Interval
 
 
 def write_validation(
@@ -86,7 +87,7 @@ def _lines(found: Identification, figures: Sequence[Path]) -> Iterator[str]:
     for model in found.models:
         own = sum(not name.startswith(FRAME) for name in model.parameters)
         behind = model.behind
-        gap = "" if behind is None else f"{behind.mean:.3f} ({behind.low:.3f} to {behind.high:.3f})"
+        gap = "" if behind is None else interval(behind, 3)
         held_out = "needs two runs" if math.isnan(model.held_out) else f"{model.held_out:.3f}"
         yield f"| {model.name} | {own} | {held_out} | {gap} |"
     yield "\n## Rollers\n"
@@ -95,21 +96,20 @@ def _lines(found: Identification, figures: Sequence[Path]) -> Iterator[str]:
         "hypothesis that rollers alone cause it: slip, or rollers that give way, would look like "
         "fewer rollers.\n"
     )
-    yield "| N | sin(π/N)/(π/N) | log-likelihood behind the best | chosen by resampled sessions |"
-    yield "| --- | --- | --- | --- |"
+    yield "| N | sin(π/N)/(π/N) | log-likelihood behind the best (95 % interval over sessions) |"
+    yield "| --- | --- | --- |"
     for one in found.rollers:
         expected = rollers_gain(one.count)
-        yield f"| {one.count} | {expected:.4f} | {one.behind:.0f} | {one.chosen:.0%} |"
-    gain = found.lateral_gain
+        yield f"| {one.count} | {expected:.4f} | {interval(one.behind, 0)} |"
     yield (
-        f"\nLateral over forward gain: {gain.mean:.4f}, 95 % interval over {gain.n} sessions "
-        f"{gain.low:.4f} to {gain.high:.4f}.\n"
+        f"\nLateral over forward gain: {interval(found.lateral_gain, 4)}, with the 95 % interval "
+        "over sessions. That of a single session is over blocks of windows.\n"
     )
     yield "| session | runs | lateral over forward gain | time without a log of the wheels |"
     yield "| --- | --- | --- | --- |"
     for session in found.sessions:
-        interval = f"{session.lateral_gain:.4f} ({session.low:.4f} to {session.high:.4f})"
-        yield f"| {session.session} | {session.runs} | {interval} | {session.missing:.1%} |"
+        gain = interval(session.lateral_gain, 4)
+        yield f"| {session.session} | {session.runs} | {gain} | {session.missing:.1%} |"
     if found.motors:
         yield "\n## Motors\n"
         yield "| parameter | value, 95 % interval by the curvature |"
@@ -124,7 +124,7 @@ def _parameters(model: ModelResult) -> Iterator[str]:
     if not model.parameters:
         return
     yield f"\n## Parameters: {model.name}\n"
-    yield "| parameter | value, 95 % interval by resampled runs | ± by the curvature |"
+    yield "| parameter | value, 95 % interval over sessions | ± by the curvature |"
     yield "| --- | --- | --- |"
     for name, one in model.parameters.items():
         yield f"| {name} | {_estimate(one)} | {one.curvature:.2g} |"
@@ -149,7 +149,10 @@ def validation_lines(found: Validation) -> Iterator[str]:
     rows = list(dict.fromkeys((one.model, one.kind) for one in found.drifts))
     of = {(one.model, one.kind, one.horizon_s): one for one in found.drifts}
     for name, unit in (("position", "mm"), ("yaw", "mrad")):
-        yield f"Drift in {name} [{unit}]: median (95 % interval over sessions), 95th percentile.\n"
+        yield (
+            f"Drift in {name} [{unit}]: median (95 % interval over sessions; of two sessions, both "
+            "values), 95th percentile.\n"
+        )
         yield f"| model | path | {' | '.join(f'{horizon:g} s' for horizon in horizons)} |"
         yield f"| --- | --- |{' --- |' * len(horizons)}"
         for model, kind in sorted(rows, key=lambda row: row[1]):
@@ -159,7 +162,7 @@ def validation_lines(found: Validation) -> Iterator[str]:
                 pair = (one.position_median_m, one.position_p95_m)
                 if name == "yaw":
                     pair = (one.yaw_median_rad, one.yaw_p95_rad)
-                cells.append(f"{_range(pair[0])}, {1e3 * pair[1].value:.1f}")
+                cells.append(f"{interval(pair[0], 1, 1e3)}, {1e3 * pair[1].mean:.1f}")
             yield f"| {model} | {kind} | {' | '.join(cells)} |"
         yield ""
     yield "Median drift less that of another model after the longest time, in pairs [mm].\n"
@@ -168,9 +171,11 @@ def validation_lines(found: Validation) -> Iterator[str]:
     for pair_ in found.differences:
         yield (
             f"| {pair_.model} | {pair_.other} | {pair_.kind} | {pair_.sessions} | "
-            f"{_range(pair_.position_m)} |"
+            f"{interval(pair_.position_m, 1, 1e3)} |"
         )
 
 
-def _range(one: Statistic) -> str:
-    return f"{1e3 * one.value:.1f} ({1e3 * one.low:.1f} to {1e3 * one.high:.1f})"
+def interval(one: Interval, digits: int, scale: float = 1.0) -> str:
+    """Return a value with its interval, or with both values of two; a single one has none."""
+    value, low, high = (f"{scale * each:.{digits}f}" for each in (one.mean, *one.ends))
+    return value if one.n == 1 else f"{value} ({low}{', ' if one.n == 2 else ' to '}{high})"

@@ -19,7 +19,7 @@ from mecazen.schema import Positive, Section
 from scipy.optimize import least_squares
 
 from mecazen_experiments.identify.drift import drifts, integrated, odometry
-from mecazen_experiments.identify.fit import SEED, Fit, fit
+from mecazen_experiments.identify.fit import Fit, fit
 from mecazen_experiments.identify.identification import (
     WINDOW_S,
     Identification,
@@ -43,8 +43,8 @@ from mecazen_experiments.identify.models import (
 from mecazen_experiments.identify.runs import Array, Run
 from mecazen_experiments.identify.simulated import all_simulated, identified_robot, mounted
 from mecazen_experiments.identify.windows import Moments, cut, motions
+from mecazen_experiments.statistics import Interval, jackknife
 
-DRAWS = 500
 IDEAL, PHYSICS = "ideal, calibrated", "full physics"
 
 
@@ -63,27 +63,21 @@ class ValidateConfig(Section):
 
 
 @dataclass(frozen=True)
-class Statistic:
-    """A statistic with its 95 % interval over resampled sessions."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
 class Drift:
-    """Drift of a model after a time, over all spans of the held-out runs of a kind of path."""
+    """Drift of a model after a time, over all spans of the held-out runs of a kind of path.
+
+    The intervals are over sessions.
+    """
 
     model: str
     kind: str
     horizon_s: float
     sessions: int
     spans: int
-    position_median_m: Statistic
-    position_p95_m: Statistic
-    yaw_median_rad: Statistic
-    yaw_p95_rad: Statistic
+    position_median_m: Interval
+    position_p95_m: Interval
+    yaw_median_rad: Interval
+    yaw_p95_rad: Interval
 
 
 @dataclass(frozen=True)
@@ -94,7 +88,7 @@ class Difference:
     other: str
     kind: str
     sessions: int
-    position_m: Statistic
+    position_m: Interval
 
 
 @dataclass(frozen=True)
@@ -232,17 +226,14 @@ def _mounting(found: Fit, name: str) -> Array:
 
 
 def _drift(model: str, kind: str, horizon_s: float, own: Mapping[str, Array]) -> Drift:
-    statistics: list[Callable[[Array], float]] = [
-        lambda values: float(np.median(values[:, 0])),
-        lambda values: float(np.percentile(values[:, 0], 95.0)),
-        lambda values: float(np.median(values[:, 1])),
-        lambda values: float(np.percentile(values[:, 1], 95.0)),
-    ]
+    def statistics(values: Sequence[Array]) -> list[float]:
+        # median and 95th percentile of position, then of yaw
+        found: Array = np.percentile(np.concatenate(values), [50.0, 95.0], axis=0)
+        return found.T.ravel().tolist()
+
     values = list(own.values())
     spans = sum(map(len, values))
-    return Drift(
-        model, kind, horizon_s, len(own), spans, *(_resampled(of, values) for of in statistics)
-    )
+    return Drift(model, kind, horizon_s, len(own), spans, *jackknife(statistics, values))
 
 
 def _differences(
@@ -262,24 +253,12 @@ def _differences(
             for kind in kinds
         }
         for kind, values in pairs.items():
-            result.append(Difference(model, other, kind, len(values), _resampled(_lead, values)))
+            result.append(Difference(model, other, kind, len(values), *jackknife(_lead, values)))
         every = [values for kind in kinds for values in pairs[kind]]
-        result.append(Difference(model, other, "all", len(every), _resampled(_lead, every)))
+        result.append(Difference(model, other, "all", len(every), *jackknife(_lead, every)))
     return result
 
 
-def _lead(values: Array) -> float:
-    return float(np.median(values[:, 0]) - np.median(values[:, 1]))
-
-
-def _resampled(statistic: Callable[[Array], float], values: Sequence[Array]) -> Statistic:
-    """Return a statistic of all sessions' values, with its interval over resampled sessions."""
-    random = np.random.default_rng(SEED)
-    drawn = [
-        statistic(
-            np.concatenate([values[i] for i in random.integers(len(values), size=len(values))])
-        )
-        for _ in range(DRAWS)
-    ]
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    return Statistic(statistic(np.concatenate(values)), float(low), float(high))
+def _lead(values: Sequence[Array]) -> list[float]:
+    first, second = np.median(np.concatenate(values), axis=0)
+    return [float(first - second)]
