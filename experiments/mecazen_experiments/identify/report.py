@@ -150,8 +150,8 @@ def validation_lines(found: Validation) -> Iterator[str]:
     of = {(one.model, one.kind, one.horizon_s): one for one in found.drifts}
     for name, unit in (("position", "mm"), ("yaw", "mrad")):
         yield (
-            f"Drift in {name} [{unit}]: median (95 % interval over sessions; of two sessions, both "
-            "values), 95th percentile.\n"
+            f"Drift in {name} [{unit}]: median (95 % interval over sessions; of two, half of their "
+            "difference on both sides), 95th percentile.\n"
         )
         yield f"| model | path | {' | '.join(f'{horizon:g} s' for horizon in horizons)} |"
         yield f"| --- | --- |{' --- |' * len(horizons)}"
