@@ -9,6 +9,8 @@ import pytest
 from experiments.conftest import experiment
 from harness import error_of
 from mecazen.errors import MecazenError
+from mecazen_experiments.executor import RunsFailedError
+from mecazen_experiments.jobs import Job, Key
 
 SIX = """
 [[cases]]
@@ -170,6 +172,19 @@ def test_without_dask_the_cluster_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MecazenError, match=r"--scheduler needs Dask: .*\[cluster\]"):
         experiment("run", "short_experiment.toml", "--scheduler", "tcp://127.0.0.1:1")
+
+
+def test_the_minutes_of_a_fuzz_are_written_if_one_fails(monkeypatch, capsys):
+    job = Job("minute", None, Path("none.toml"), (), Key("", 1, ""))
+
+    def fail(*_):
+        raise RunsFailedError([(job, MecazenError("out of the world"))])
+
+    monkeypatch.setattr("mecazen_experiments.commands.run_all", fail)
+    with pytest.raises(MecazenError, match=r"^minute, seed 1: out of the world$"):
+        experiment("fuzz", "--jobs", 1, "--json", "out.json")
+    assert report("out.json")["minutes"] == []
+    assert capsys.readouterr().out == "nothing is driven yet\n"
 
 
 def test_more_hours_than_a_machine_can_list_are_refused():
