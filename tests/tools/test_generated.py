@@ -5,6 +5,7 @@ import re
 import pytest
 from harness import ROOT
 from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
+from mecazen.keys import TOPICS
 from mecazen.loading import load_scenario
 from mecazen_tools.generated import files
 
@@ -51,6 +52,14 @@ def test_the_containers_of_each_profile_are_the_services_of_its_scenario():
     paths = (ROOT / "configs" / "scenarios" / f"{name}.toml" for name in ("back", "teleop"))
     back, teleop = (set(load_scenario(path).services) for path in paths)
     assert by_profile == {"": back, "teleop": teleop, "lockstep": back}
+
+
+@pytest.mark.parametrize("name", ["flow", "tick"])
+def test_each_topic_of_a_sketch_is_one_of_the_graph(name):
+    sketch = (ROOT / "docs" / "figures" / f"{name}.svg").read_text()
+    topics = set(re.findall(r'"monospace"[^>]*>([^<]+)', sketch))
+    assert "joint_command" in topics
+    assert topics <= {topic.key for topic in TOPICS}
 
 
 def test_the_architecture_names_the_folder_of_every_package():

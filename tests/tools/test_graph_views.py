@@ -1,4 +1,4 @@
-"""The graph as tables, of two nodes."""
+"""The graph of two nodes as tables."""
 
 from types import SimpleNamespace
 

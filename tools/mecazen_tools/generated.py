@@ -1,7 +1,7 @@
 """Write the files that are generated from the code: `make graph`.
 
-The access rules, sketches, files of installed bridges, and the tables in
-documents between `<!-- graph: NAME -->` and `<!-- /graph -->`.
+The access rules, files of installed bridges, and the tables in documents between
+`<!-- graph: NAME -->` and `<!-- /graph -->`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from mecazen_tools.access import access_table, secure_json5
 from mecazen_tools.cli.app import app
 from mecazen_tools.graph_views import keys_table, nodes_table
 from mecazen_tools.references import commands, configuration
-from mecazen_tools.sketches import SKETCHES
 
 DOCUMENTS = ("docs/keys.md", "docs/configuration.md", "docs/architecture.md", "docs/deploy.md")
 COMMANDS = "docs/cli.md"
@@ -35,8 +34,6 @@ def files(root: Path) -> Iterator[tuple[Path, str]]:
         "configuration": configuration(),
     }
     yield root / "configs" / "zenoh" / "secure.json5", secure_json5()
-    for name, sketch in SKETCHES.items():
-        yield root / "docs" / "figures" / f"{name}.svg", sketch()
     for bridge in installed():
         yield from bridge.files(root)
     for name in DOCUMENTS:

@@ -55,8 +55,7 @@ def graph(
     """
     loaded: Any = graph_views.DEFAULTS
     if scenario is None:
-        nodes = Graph(GRAPH)
-        order = [row.name for row in GRAPH]
+        nodes, order = Graph(GRAPH), [row.name for row in GRAPH]
         process_of = {row.name: row.part_of for row in GRAPH}
     else:
         loaded = load(scenario, settings)
