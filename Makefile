@@ -74,7 +74,7 @@ help:
 	@echo "make bench        speed and accuracy, in some minutes; mecazen bench compare shows what changed"
 	@echo "make results      the experiments and benchmarks whose inputs have changed, their tables and figures (ONLY=table2)"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
-	@echo "make graph        what is made from the code: references, tables, picture, access rules"
+	@echo "make graph        what is made from the code: references, tables, access rules"
 	@echo "make pictures     the pictures of the documents, from runs (ONLY=hero)"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
 	@echo "make docs         the documentation as a site, in site/; each link must lead somewhere"
@@ -151,7 +151,7 @@ drawing:
 		echo "without $(DRAWING) the tests of pictures are skipped"
 
 graph: .venv/developer
-	@.venv/bin/python -m mecazen_tools.generated
+	@.venv/bin/python -m docs.reference
 
 pictures: .venv/developer drawing
 	@.venv/bin/python -m docs.pictures $(ONLY)

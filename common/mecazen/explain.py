@@ -206,6 +206,8 @@ def describe(node: mi.Type) -> str:
     if isinstance(node, mi.StructType):
         files = {Robot: "a robot file, or a table", WorldConfig: "a world file, or a table"}
         return files.get(node.cls, "a table")
+    if isinstance(node, mi.AnyType):
+        return "any value"
     if isinstance(node, mi.DictType):
         return f"a table, each value {describe(node.value_type)}"
     return "a path to a folder" if getattr(node, "cls", None) is Folder else "a path to a file"

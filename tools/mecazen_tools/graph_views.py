@@ -59,23 +59,6 @@ def call_rows(graph: Graph) -> list[Cells]:
     ]
 
 
-def keys_table(graph: Graph) -> str:
-    """Return the table of keys in Markdown."""
-    lines = ["| key | message | rate | from | meaning |", "| --- | --- | --- | --- | --- |"]
-    for key, kind, *others in (*topic_rows(graph), *call_rows(graph)):
-        lines.append(f"| {' | '.join((f'`{key}`', kind.replace('/msg', ''), *others))} |")
-    return "\n".join(lines)
-
-
-def nodes_table(graph: Graph) -> str:
-    """Return the table of nodes in Markdown."""
-    lines = ["| node | service | takes | gives | what it does |", "| --- | --- | --- | --- | --- |"]
-    for row in graph.rows:
-        cells = (f"`{row.name}`", row.part_of, takes(row), gives(row), row.summary)
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
 def takes(row: Row, separator: str = ", ") -> str:
     """Return a node's inputs and their rules."""
     if row.observes:

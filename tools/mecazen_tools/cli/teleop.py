@@ -28,7 +28,6 @@ from rich.live import Live
 from rich.text import Text
 
 from mecazen_tools import driving, gamepad
-from mecazen_tools.access import TELEOP
 from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
 from mecazen_tools.driving import Hand
 from mecazen_tools.strays import OWN_WAY, goes_own_way, scenario_at
@@ -36,6 +35,8 @@ from mecazen_tools.strays import OWN_WAY, goes_own_way, scenario_at
 if TYPE_CHECKING:
     from blessed.keyboard import Keystroke
 
+TELEOP = "teleop"
+"""The liveliness token of this command."""
 PERIOD_S = 0.05
 """Period of commands while a key is held [s]: a tenth of the controller's watchdog timeout."""
 STALE_S = 1.0

@@ -7,23 +7,49 @@ from harness import ROOT
 from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
 from mecazen.keys import TOPICS
 from mecazen.loading import load_scenario
-from mecazen_tools.generated import files
+
+from docs.reference import files
 
 OURS = sorted(set(SERVICES) - {COLLECTOR})
 
 
+FILES = dict(files())
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_a_file_from_the_code_is_up_to_date(path):
+    assert path.read_text() == FILES[path], "`make graph` writes it again"
+
+
 @pytest.mark.parametrize(
-    ("path", "text"), [pytest.param(*made, id=made[0].name) for made in files(ROOT)]
+    ("page", "line"),
+    [
+        ("cli", "## mecazen bench run"),  # of the last of all packages
+        (
+            "cli",
+            "- `--count <int range>`: End after so many samples.  [default: until Ctrl-C; x>=1]",
+        ),
+        (
+            "configuration",
+            "| `margin_m` | `0.06` | number ≥ 0, *live* "
+            "| Clearance between the robot's outline and obstacles. |",
+        ),
+        ("configuration", "| `base.mass_kg` | required | number > 0 and ≤ 2000 |  |"),
+        ("configuration", "| `robot` | none | as [robot](#robot) "),
+        ("configuration", "| `control.feed_forward` (pid) | `true` |"),
+        ("configuration", "| `obstacles[].friction` | `1.0` |"),  # of all kinds
+        ("keys", "| `odom` | nav_msgs/Odometry | controller.update_rate_hz | controller |"),
+    ],
 )
-def test_a_file_that_is_made_from_the_graph_is_up_to_date(path, text):
-    assert path.read_text() == text, "`make graph` writes it anew"
+def test_a_reference_has_the_line(page, line):
+    assert f"\n{line}" in FILES[ROOT / "docs" / f"{page}.md"]
 
 
 PACKAGE = ROOT / "ros2" / "mecazen_msgs"
 
 
 def test_the_package_for_ros_has_no_other_files():
-    made = {path for path, _ in files(ROOT) if PACKAGE in path.parents}
+    made = {path for path in FILES if PACKAGE in path.parents}
     assert {path for path in PACKAGE.rglob("*") if path.is_file()} == made
 
 

@@ -6,7 +6,8 @@ import pytest
 from harness import ROOT
 from mecazen.bus.session import session_config
 from mecazen.config import BusConfig
-from mecazen_tools.access import access_table
+
+from docs.access import access_table
 
 
 @pytest.fixture(scope="module")

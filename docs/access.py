@@ -14,6 +14,7 @@ from mecazen.graph import GRAPH, services
 from mecazen.row import Row
 from mecazen.runtime.pace import EVERY, RECORD, receipts
 from mecazen.runtime.readiness import READY
+from mecazen_tools.cli.teleop import TELEOP
 
 HEADER = """\
 // Mutual TLS, and who may publish what. For `bus.zenoh_config`, together with `bus.keys`, a folder
@@ -38,8 +39,6 @@ LATCHED = "**/@adv/**"
 """Keys that announce latched samples to late subscribers; `**` does not match them."""
 ANYONE, ROUTER = "anyone", "router"
 """Subjects of rules: any certificate, and the router's certificate."""
-TELEOP = "teleop"
-"""The token of `mecazen teleop`, which the operator runs, like `mecazen record`."""
 
 
 def secure_json5() -> str:
