@@ -15,7 +15,6 @@ import msgspec
 import numpy as np
 from mecazen.errors import MecazenError
 from mecazen_tools import files
-from mecazen_tools.markdown import MarkdownTable, lines
 
 Goal = Literal["less", "more"] | float | tuple[float | None, float | None]
 """Direction of improvement, the correct value, or the target: a range with at least one end."""
@@ -81,6 +80,32 @@ class Figure(msgspec.Struct, frozen=True, omit_defaults=True):
 
 Rows = Mapping[str, Mapping[str, Figure]]
 """Figures by subject and title."""
+
+
+class MarkdownTable(msgspec.Struct, frozen=True):
+    """A table of a result, with its title and its caption."""
+
+    title: str
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def sentences(self) -> str:
+        """The caption as sentences, one for each of its parts."""
+        parts = [part.strip() for part in self.caption.split(";")]
+        # µs/tick keeps its small letter
+        return " ".join(f"{'µ' if p[:1] == 'µ' else p[:1].upper()}{p[1:]}." for p in parts)
+
+    def __str__(self) -> str:
+        title = f"**{self.title}.** " if self.title else ""
+        return f"{title}{self.sentences}\n\n{markdown(self.head, self.rows)}"
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return the lines of a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"|{''.join(f' {cell} |' if cell else ' |' for cell in li)}\n" for li in lines)
 
 
 class Group(msgspec.Struct, frozen=True):
@@ -174,7 +199,7 @@ def compare(before: Results, after: Results) -> tuple[str, int]:
         rows.append([*name, str(old), str(figure), ratio, verdict])
     if not rows:
         raise ResultsError("no figure is in both results")
-    return lines(["", "", "", "before", "after", "ratio", ""], rows), worse
+    return markdown(["", "", "", "before", "after", "ratio", ""], rows), worse
 
 
 def write(results: Results, path: Path) -> None:

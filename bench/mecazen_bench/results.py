@@ -33,9 +33,8 @@ from typing import Any
 import msgspec
 from mecazen_experiments.jobs import PACKAGES
 from mecazen_tools import files
-from mecazen_tools.markdown import MarkdownTable
 
-from mecazen_bench.harness import ResultsError, machine
+from mecazen_bench.harness import MarkdownTable, ResultsError, machine
 
 ROOT = Path(__file__).parents[2]
 RUNS = "experiments"

@@ -16,11 +16,11 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import named_file
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
-from mecazen_tools.markdown import MarkdownTable
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
+from rich.text import Text
 
 from mecazen_experiments import budget as budgets
 from mecazen_experiments import fuzz as fuzzing
@@ -364,8 +364,27 @@ def _workers(options: Options) -> AbstractContextManager[Workers]:
     return nullcontext(local_workers(options.jobs or -1))
 
 
+def plain(table: Table) -> dict[str, object]:
+    """Return a table without styles; the second line of a cell is put in brackets."""
+
+    def text(content: object) -> str:
+        return content.plain if isinstance(content, Text) else Text.from_markup(str(content)).plain
+
+    def cell(content: object) -> str:
+        first, _, second = text(content).partition("\n")
+        return f"{first} ({second.replace(' … ', '–')})" if second else first
+
+    rows = zip(*(column.cells for column in table.columns), strict=True)
+    return {
+        "title": text(table.title or ""),
+        "caption": text(table.caption or ""),
+        "head": [text(column.header).replace("\n", " ") for column in table.columns],
+        "rows": [[cell(content) for content in row] for row in rows],
+    }
+
+
 def _write(options: Options, result: Mapping[str, object], tables: Sequence[Table] = ()) -> None:
     if options.json is None:
         return
-    content = {**result, "tables": [MarkdownTable.of(table) for table in tables]}
+    content = {**result, "tables": [plain(table) for table in tables]}
     files.write(options.json, msgspec.json.format(msgspec.json.encode(content)) + b"\n", "--json")

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 from mecazen_bench import harness
-from mecazen_bench.harness import Figure, Goal, Group, Results, ResultsError
+from mecazen_bench.harness import Figure, Goal, Group, MarkdownTable, Results, ResultsError
 
 
 def result(value: float, goal: Goal = "less", spread: float = 0.0, **more: Figure) -> Results:
@@ -117,3 +117,11 @@ def test_a_figure_that_a_row_lacks_is_an_empty_cell():
         "**T.** So.\n\n| | x | y |\n| --- | --- | --- |\n"
         f"| a | 12,346 | {cell} |\n| b | | {cell} |\n"
     )
+
+
+def test_a_table_begins_with_its_title_and_the_sentences_of_its_caption():
+    table = MarkdownTable("Loop", "means; µs/tick: of one core", ("a", "b"), (("", "1"),))
+    assert str(table) == (
+        "**Loop.** Means. µs/tick: of one core.\n\n| a | b |\n| --- | --- |\n| | 1 |\n"
+    )
+    assert str(MarkdownTable("", "so", ("a",), ())) == "So.\n\n| a |\n| --- |\n"

@@ -12,6 +12,8 @@ import pytest
 from distributed import LocalCluster
 from mecazen.errors import ConfigError, MecazenError
 from mecazen_experiments import commands
+from rich.table import Table
+from rich.text import Text
 
 STANDING = """
 import os, signal
@@ -202,6 +204,15 @@ def test_a_run_that_takes_its_workers_with_it_is_named_and_the_rest_is_reported(
         "error: short, seed 3: its worker died, each time it was tried",
     ]
     assert stored(folder.path / "experiments.sqlite").keys() == {1, 2, 4}
-    (row,) = msgspec.json.decode((folder.path / "out.json").read_bytes())["rows"]
-    assert [run["record"]["key"]["seed"] for run in row["runs"]] == [1, 2, 4]
-    assert "short" in out
+
+
+def test_a_written_table_has_no_styles_and_intervals_in_brackets():
+    table = Table("", "D_err\n\\[m]", title="Errors", caption="means")
+    table.add_row(Text("back [raw]"), "0.10\n[dim]0.09 … 0.11[/]")
+    table.add_row(Text("side"), "[green]✓[/]")
+    assert commands.plain(table) == {
+        "title": "Errors",
+        "caption": "means",
+        "head": ["", "D_err [m]"],
+        "rows": [["back [raw]", "0.10 (0.09–0.11)"], ["side", "✓"]],
+    }
