@@ -61,11 +61,9 @@ def sensors(file: Path) -> None:
         "body tracker": seen.picture(),
         "depth": _depth(moment.latest["camera/depth"]),
     }
-    sheet = Image.new("RGB", (3 * PANEL_PX[0] + 12, PANEL_PX[1]), "white")
-    for k, (name, picture) in enumerate(pictures.items()):
+    for name, picture in pictures.items():
         ImageDraw.Draw(picture).text((10, 6), name, fill=oblique.INK, font_size=15)
-        sheet.paste(picture, (k * (PANEL_PX[0] + 6), 0))
-    sheet.save(file, optimize=True)
+    oblique.sheet([*pictures.values()]).save(file, optimize=True)
 
 
 def _depth(image: m.Image) -> Image.Image:
@@ -135,15 +133,14 @@ def places(file: Path) -> None:
     """Draw the worlds of configs/worlds, with their walls cut off."""
     folder = scenario_path("back").parents[1] / "worlds"
     files = sorted(folder.glob("*.toml"))
-    panel, gap = (300, 230), 6
-    sheet = Image.new("RGB", (3 * panel[0] + 2 * gap, 2 * panel[1] + gap), "white")
-    for k, world in enumerate(files):
+    pictures = []
+    for world in files:
         config = load_scenario(scenario_path("back"), (f'world="{world}"',)).world
         corners = np.array([solid.position_m for solid in config.solids])
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, size = 0.5 * (low + high), high - low
         width = max(size[0], 1.3 * size[1]) + 1.5
-        stage = scene.from_above(middle[0], middle[1], panel, width)
+        stage = scene.from_above(middle[0], middle[1], (300, 230), width)
         for patch in config.patches:
             pose = Pose2D(*patch.position_m, math.radians(patch.yaw_deg))
             half = 0.5 * np.array(patch.size_m)
@@ -157,5 +154,5 @@ def places(file: Path) -> None:
         stage.far_to_near(scene.solids(stage, config, 0.8))
         picture = stage.picture()
         ImageDraw.Draw(picture).text((8, 4), world.stem, fill=oblique.INK, font_size=14)
-        sheet.paste(picture, ((k % 3) * (panel[0] + gap), (k // 3) * (panel[1] + gap)))
-    sheet.save(file, optimize=True)
+        pictures.append(picture)
+    oblique.sheet(pictures).save(file, optimize=True)

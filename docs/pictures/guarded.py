@@ -13,12 +13,13 @@ from mecazen_experiments.jobs import expand
 from PIL import Image
 
 from docs.pictures import scene
+from docs.pictures.oblique import sheet
 from docs.pictures.runs import FOLLOWED, Moment, record
 
 TRAIL_S = 0.1
 HEAD_M = 0.3
 """Offset of the picture's middle behind the feet, so that heads are in the picture."""
-PANEL_PX, GAP_PX = (300, 260), 6
+PANEL_PX = 300, 260
 
 
 class Situation(NamedTuple):
@@ -53,12 +54,7 @@ SITUATIONS = {
 def strip(file: Path, name: str) -> None:
     """Draw a situation as panels side by side."""
     situation = SITUATIONS[name]
-    panels = draw(name, situation.times_s, PANEL_PX)
-    width, height = PANEL_PX
-    sheet = Image.new("RGB", (len(panels) * (width + GAP_PX) - GAP_PX, height), "white")
-    for k, panel in enumerate(panels):
-        sheet.paste(panel, (k * (width + GAP_PX), 0))
-    sheet.save(file, optimize=True)
+    sheet(draw(name, situation.times_s, PANEL_PX)).save(file, optimize=True)
 
 
 def one(file: Path, name: str, time_s: float, size: tuple[int, int]) -> None:

@@ -266,6 +266,16 @@ class Stage:
             draw()
 
 
+def sheet(panels: Sequence[Image.Image], columns: int = 3, gap_px: int = 6) -> Image.Image:
+    """Return panels of one size side by side, in rows."""
+    width, height = (edge + gap_px for edge in panels[0].size)
+    rows = math.ceil(len(panels) / columns)
+    whole = Image.new("RGB", (columns * width - gap_px, rows * height - gap_px), "white")
+    for k, panel in enumerate(panels):
+        whole.paste(panel, (k % columns * width, k // columns * height))
+    return whole
+
+
 def at(pose: Pose2D, x: Any, y: Any, z: Any) -> Array:
     """Transform points of a planar frame to world (..., 3) [m]."""
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
