@@ -204,6 +204,9 @@ def test_a_run_that_takes_its_workers_with_it_is_named_and_the_rest_is_reported(
         "error: short, seed 3: its worker died, each time it was tried",
     ]
     assert stored(folder.path / "experiments.sqlite").keys() == {1, 2, 4}
+    (row,) = msgspec.json.decode((folder.path / "out.json").read_bytes())["rows"]
+    assert [run["record"]["key"]["seed"] for run in row["runs"]] == [1, 2, 4]
+    assert "short" in out
 
 
 def test_a_written_table_has_no_styles_and_intervals_in_brackets():
