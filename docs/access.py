@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from mecazen import keys
-from mecazen.bridges import installed
 from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, services
 from mecazen.row import Row
 from mecazen.runtime.pace import EVERY, RECORD, receipts
 from mecazen.runtime.readiness import READY
+from mecazen_ros import protocol
 from mecazen_tools.cli.teleop import TELEOP
 
 HEADER = """\
@@ -102,8 +102,7 @@ def _queries() -> tuple[list[keys.Call[Any, Any]], list[keys.Call[Any, Any]]]:
 def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     """Yield each rule with its subject."""
     reads, rules = _queries()
-    tokens = [bridge.tokens() for bridge in installed()]
-    everything = ["**", *tokens, LATCHED]
+    everything = ["**", protocol.tokens(), LATCHED]
     hears = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token", *hears]
     yield ANYONE, _rule("anyone subscribes to everything", hears, everything)
@@ -115,7 +114,10 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     for service, rows in services().items():
         yield from _service_rules(service, rows)
     puts = [
-        key for topic in keys.TOPICS if topic.open for key in (f"**/{topic.key}", *_taken(topic))
+        key
+        for topic in keys.TOPICS
+        if topic.open
+        for key in (f"**/{topic.key}", *protocol.received_keys(topic))
     ]
     puts.append(f"**/{receipts(RECORD).key}")
     yield OPERATOR, _rule("the operator drives robot and person", ["put"], puts)
@@ -124,7 +126,7 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     yield OPERATOR, _rule("the operator controls the run", ["query"], _call_keys(rules))
     for command in (RECORD, TELEOP):
         yield OPERATOR, _rule(f"{command} is alive", ["liveliness_token"], _tokens(command))
-    yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], tokens)
+    yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], [protocol.tokens()])
 
 
 def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -136,7 +138,7 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
         *(f"**/{topic.key}" for row in rows for topic in _handed_on(row)),
     ]
     calls = [call for row in rows for call in row.calls]
-    latched = [key for bridge in installed() for call in calls for key in bridge.latched(call)]
+    latched = [key for call in calls for key in protocol.latched_keys(call)]
     puts = list(dict.fromkeys([*puts, *latched]))
     yield service, _rule(f"{service} publishes", ["put"], puts)
     if others := _others(puts):
@@ -148,23 +150,17 @@ def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dic
         kept = ["put", "declare_queryable", "reply", "liveliness_token"]
         exprs = [*latched, *(f"{key}/@adv/**" for key in latched)]
         yield service, _rule(f"{service} publishes for those who come later", kept, exprs)
-    tokens = [*_tokens(service), *(bridge.tokens(service) for bridge in installed())]
+    tokens = [*_tokens(service), protocol.tokens(service)]
     yield service, _rule(f"{service} is alive", ["liveliness_token"], tokens)
 
 
 def _given(row: Row, topic: keys.Topic[Any]) -> list[str]:
-    """Return the keys of an output of a node: the plain one, and those of bridges."""
-    bridged = [key for bridge in installed() for key in bridge.given(row, topic)]
-    return [f"**/{topic.key}", *bridged]
-
-
-def _taken(topic: keys.Topic[Any]) -> list[str]:
-    """Return the keys on which bridges receive a topic."""
-    return [key for bridge in installed() for key in bridge.taken(topic)]
+    """Return the keys of an output of a node: the plain one, and those of ROS."""
+    return [f"**/{topic.key}", *protocol.published_keys(row, topic)]
 
 
 def _handed_on(row: Row) -> list[keys.Topic[Any]]:
-    """Return the open topics that a node may receive from a bridge."""
+    """Return the open topics that a node may receive from ROS."""
     takes = not (row.observes or row.shared)
     return [given.topic for given in row.inputs if given.topic.open and takes]
 
@@ -174,7 +170,7 @@ def _others(given: Sequence[str]) -> list[str]:
     given_by = ((row, topic) for row in GRAPH for topic in row.outputs)
     known = dict.fromkeys(key for row, topic in given_by for key in _given(row, topic))
     known |= dict.fromkeys(
-        key for topic in keys.TOPICS for key in (f"**/{topic.key}", *_taken(topic))
+        key for topic in keys.TOPICS for key in (f"**/{topic.key}", *protocol.received_keys(topic))
     )
     return [
         other
@@ -193,7 +189,7 @@ def _plain(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
 
 def _call_keys(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
     plain = [f"**/{key}" for key in _plain(calls)]
-    return [*plain, *(key for bridge in installed() for key in bridge.asked(calls))]
+    return [*plain, *protocol.service_keys(calls)]
 
 
 def _rule(

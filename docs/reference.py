@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 
 import msgspec
 import typer
-from mecazen.bridges import installed
 from mecazen.config import Scenario
 from mecazen.config.scenario import NO_KEYS
 from mecazen.explain import describe
 from mecazen.files import to_value
 from mecazen.graph import GRAPH, Graph
 from mecazen.schema import LIVE
+from mecazen_ros.types import package_files
 from mecazen_tools.cli.app import app
 from mecazen_tools.graph_views import call_rows, gives, takes, topic_rows
 from msgspec import inspect as types
@@ -67,8 +67,7 @@ def files() -> Iterator[tuple[Path, str]]:
         "commands": "\n\n".join(commands(typer.main.get_command(app), "mecazen")),
     }
     yield ROOT / "configs" / "zenoh" / "secure.json5", secure_json5()
-    for bridge in installed():
-        yield from bridge.files(ROOT)
+    yield from package_files(ROOT / "ros2" / "mecazen_msgs")
     for name in ("keys", "configuration", "architecture", "deploy", "cli"):
         page = ROOT / "docs" / f"{name}.md"
         yield page, REGION.sub(lambda m: f"{m[1]}{tables[m[2]]}\n{m[3]}", page.read_text())

@@ -22,7 +22,7 @@ LOCKSTEP = 'sim.mode="lockstep"', "sim.duration_s=36000.0"
 """Settings with which no run ends within the measurement."""
 OF_ROBOT = ("odom", "ground_truth/odom", "joint_states")
 OF_NO_ROBOT = ("clock", "tf")
-"""Topics of five subscribers in ROS: samples come in every tick, frames (tf) less often."""
+"""Topics of five subscribers in ROS: samples come in every tick."""
 WITHOUT, NONE, FIVE = "without ROS 2", "0 subscribers", "5 subscribers"
 WINDOWS, WINDOW_S = 5, 1.0
 SETTLED_S = 0.3

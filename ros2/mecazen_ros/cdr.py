@@ -20,8 +20,7 @@ from mecazen.messages import LaserScan, Message, MessageT, Twist, finite_scan
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 
-from mecazen_ros.interfaces import message as interface
-from mecazen_ros.types import NO_FIELD, STORE, RosTypeError, Shape, known
+from mecazen_ros.types import NO_FIELD, STORE, RosTypeError, Shape, registered
 
 HEADER = bytes((0, sys.byteorder == "little", 0, 0))
 """Header of encoded messages: the machine's byte order, and no padding at the end."""
@@ -29,18 +28,9 @@ CODES = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d", "bool": "?", "byte": "B",
 }  # fmt: skip
-TEXTS = 256
-"""Number of lists of texts that are kept encoded."""
-
-TwistStamped = interface("TwistStamped")
 
 Add = Callable[[Any, list[Any]], str]
 """Adds a field to the values to pack, and returns its format."""
-
-
-Step = tuple[Add | None, int, int, str]
-"""Fields of a message that are added together: the function that adds a field, or None for single
-numbers; the index of the first field, and that after the last; the format of single numbers."""
 
 
 def encode(message: Message) -> bytes:
@@ -48,7 +38,6 @@ def encode(message: Message) -> bytes:
 
     Raises:
         RefusedError: A whole number does not fit into its type, or a text has no UTF-8.
-        RosTypeError: ROS has no type for a field.
     """
     values: list[Any] = []
     try:
@@ -63,8 +52,7 @@ def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
     A payload that is no Twist may be a TwistStamped, which is longer.
 
     Raises:
-        RefusedError: Truncated, too long, of another encoding, or a value out of its bounds; or
-            ROS has no type for a field of such a message.
+        RefusedError: Truncated, too long, of another encoding, or a value out of its bounds.
     """
     try:
         fields = _fields_of(payload, kind)
@@ -81,59 +69,51 @@ def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
 def _fields_of(payload: bytes, kind: type[Message]) -> dict[str, Any]:
     """Return the fields of a message as in JSON."""
     try:
-        fields: dict[str, Any] = STORE.deserialize_cdr(payload, known(kind))
+        fields: dict[str, Any] = STORE.deserialize_cdr(payload, registered(kind))
     except SerdeError:
         if kind is not Twist:
             raise
-        fields = STORE.deserialize_cdr(payload, known(TwistStamped))["twist"]
+        fields = STORE.deserialize_cdr(payload, "geometry_msgs/msg/TwistStamped")["twist"]
     return fields
 
 
 def _add_message(message: Message, values: list[Any]) -> str:
     get, steps = _plan(type(message))
-    got, forms = get(message), []
-    for add, begin, end, form in steps:
-        if add is None:
-            values += got[begin:end]
-            forms.append(form)
+    formats = []
+    for value, step in zip(get(message), steps, strict=False):
+        if isinstance(step, str):
+            values.append(value)
+            formats.append(step)
         else:
-            forms.append(add(got[begin], values))
-    return "".join(forms)
+            formats.append(step(value, values))
+    return "".join(formats)
 
 
 @cache
-def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], list[Step]]:
-    """Return the getter of a message's fields, also of nested ones, and the steps to add them."""
-    fields = dict(_fields(known(kind), ""))
-    steps: list[Step] = []
-    for at, one in enumerate(fields.values()):
-        if callable(one):
-            steps.append((one, at, at + 1, ""))
-        elif steps and steps[-1][0] is None:
-            _, begin, _, form = steps.pop()
-            steps.append((None, begin, at + 1, form + one))
-        else:
-            steps.append((None, at, at + 1, one))
-    # a message without fields is one byte; the additional path makes `get` always return a tuple
-    return attrgetter(*fields, "ROS_TYPE"), steps or [(None, 0, 0, "x")]
+def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], list[Add | str]]:
+    """Return the getter of a message's fields, also of nested ones, and how to add each."""
+    paths, steps = zip(*_steps(registered(kind), ""), strict=True)
+    return attrgetter(*paths, "ROS_TYPE"), list(steps)  # with two paths `get` returns a tuple
 
 
-def _fields(name: str, path: str) -> Iterator[tuple[str, Add | str]]:
+def _steps(name: str, path: str) -> Iterator[tuple[str, Add | str]]:
     """Yield the path to each field of a type, and its format or the function that adds it."""
     for field, (node, detail) in STORE.fielddefs[name][1]:
         if node == Nodetype.NAME:
-            yield from _fields(detail, f"{path}{field}.")
-        elif node == Nodetype.BASE and field != NO_FIELD:
+            yield from _steps(detail, f"{path}{field}.")
+        elif field == NO_FIELD:
+            yield f"{path}ROS_TYPE", lambda *_: "x"
+        elif node == Nodetype.BASE:
             yield path + field, CODES.get(detail[0], _add_text)
         elif node == Nodetype.ARRAY:
             yield path + field, _list_adder(*detail)
-        elif node == Nodetype.SEQUENCE:
+        else:
             yield path + field, partial(_add_counted, _list_adder(detail[0]))
 
 
-def _list_adder(shape: Shape, length: int | None = None) -> Add:
+def _list_adder(item: Shape, length: int | None = None) -> Add:
     """Return the function that adds the items of a list; an array has a fixed length."""
-    node, detail = shape
+    node, detail = item
     if node == Nodetype.NAME:
         return lambda items, values: "".join([_add_message(item, values) for item in items])
     if detail[0] == "string":
@@ -160,8 +140,15 @@ def _add_texts(texts: Sequence[str], values: list[Any]) -> str:
     return f"0I{len(data)}s"
 
 
-def _add_bytes(data: Sequence[int], values: list[Any]) -> str:
-    values.append(bytes(data))
+@lru_cache(maxsize=256)
+def _packed(texts: tuple[str, ...]) -> bytes:
+    """Return encoded texts, each aligned to 4 bytes."""
+    values: list[Any] = []
+    return struct.pack("".join([_add_text(text, values) for text in texts]), *values)
+
+
+def _add_bytes(data: bytes, values: list[Any]) -> str:
+    values.append(data)
     return f"{len(data)}s"
 
 
@@ -169,10 +156,3 @@ def _add_numbers(code: str, length: int | None, numbers: Sequence[float], values
     values += numbers
     count = len(numbers) if length is None else length
     return f"{count}{code}" if count else ""  # a list without items is not aligned
-
-
-@lru_cache(maxsize=TEXTS)
-def _packed(texts: tuple[str, ...]) -> bytes:
-    """Return encoded texts, each aligned to 4 bytes."""
-    values: list[Any] = []
-    return struct.pack("".join([_add_text(text, values) for text in texts]), *values)

@@ -8,7 +8,7 @@ subscriber. Messages from ROS are published on the plain key.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from itertools import count
 from typing import Any
@@ -17,9 +17,8 @@ import msgspec
 import zenoh
 import zenoh.ext
 from mecazen import keys
-from mecazen.bridges import Put
-from mecazen.bus.base import Reply
 from mecazen.bus.inbox import Inbox, Queue, Refusals
+from mecazen.bus.queries import QueryInbox
 from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -30,89 +29,27 @@ from mecazen.graph import SHARED, Graph
 from mecazen.keys import Call, Topic, call_of_robot, of_robot
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message, String
+from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.row import Row
 from mecazen.wire import Stamp
 
-from mecazen_ros import cdr
-from mecazen_ros.description import fixed_frames, portable
-from mecazen_ros.parameters import PARAMETER_SERVICES, NodeParameters
-from mecazen_ros.protocol import (
-    LATCHED,
-    NO_HASH,
-    PARAMETERS,
-    Node,
-    Qos,
-    data_key,
-    dds_type,
-    gid_of,
-)
-from mecazen_ros.queries import Respond, attached, attachment_of, by_parameters, by_query, serve
-from mecazen_ros.services import SERVICES, Service
-from mecazen_ros.topics import (
-    DESCRIBED,
-    Namespace,
-    RosTopic,
-    name_of,
-    publications,
-    ros_name,
-    subscriptions,
-)
-from mecazen_ros.types import RosTypeError, service_hash, type_hash
+from mecazen_ros import cdr, protocol, services, topics
+from mecazen_ros.services import Give, QueryReply, RosService
+from mecazen_ros.topics import RosTopic, full_name, ros_name
+from mecazen_ros.types import RosTypeError, registered, type_hash
 
 logger = logging.getLogger(__name__)
 
+Put = Callable[[Topic[Any], Message], None]
 Send = Callable[[Message, Stamp | None], None]
 DESCRIPTION_TIMEOUT_S = 10.0
-MISSES = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5)
-"""Interval at which subscribers learn of a latched sample that they missed, as in rmw_zenoh [s]."""
-
-
-class RosSide:
-    """The session of a process's ROS nodes.
-
-    Args:
-        config: Endpoints, domain and distribution of ROS.
-        name: Name of the certificate that the session shows, if certificates are used.
-
-    Raises:
-        BusError: See `open_session`.
-    """
-
-    def __init__(self, config: BusConfig, name: str) -> None:
-        self.domain = config.ros_domain_id
-        self._has_hashes = config.ros_distro != "humble"
-        self.session = open_session(of_ros(config), "client", name, timestamps=True)
-        self.id = str(self.session.info.zid())
-        self.numbers = count()
-        """Numbers for nodes and their endpoints."""
-        self._kept: list[object] = []
-
-    def show(
-        self, name: str, robot: str, bus: ZenohBus, put: Put, scenario: Scenario, graph: Graph
-    ) -> None:
-        """Show a service as a ROS node."""
-        RosNode(self, name, robot, bus, put, scenario, graph)
-
-    def keep(self, *declared: object) -> None:
-        """Keep references to declared objects, since Zenoh undeclares objects without reference."""
-        self._kept += declared
-
-    def shown(self, hashed: str) -> str:
-        """Return a type's hash as used in keys and tokens."""
-        return hashed if self._has_hashes else NO_HASH
-
-    def key(self, name: str, dds: str, hashed: str) -> str:
-        """Return the key of a topic or a service by its whole name and its type."""
-        return data_key(self.domain, name, dds, self.shown(hashed))
-
-    def declare_token(self, token: str) -> None:
-        """Declare the liveliness token by which ROS sees a node or an endpoint."""
-        self.keep(self.session.liveliness().declare_token(token))
-
-    def close(self) -> None:
-        """Close the session, and with it all its declarations."""
-        self.session.close()  # type: ignore[no-untyped-call]
+CACHED: dict[str, Any] = {
+    "cache": zenoh.ext.CacheConfig(1),
+    "sample_miss_detection": zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
+    "publisher_detection": True,
+}
+"""Options of a latched topic, as in rmw_zenoh."""
 
 
 def of_ros(config: BusConfig) -> BusConfig:
@@ -121,195 +58,254 @@ def of_ros(config: BusConfig) -> BusConfig:
     return msgspec.structs.replace(config, mode="client", namespace=None, connect=endpoints)
 
 
+class RosSession:
+    """The session of a process's ROS nodes.
+
+    Args:
+        config: Endpoints, domain and distribution of ROS.
+        name: Name of the certificate that the session shows, if certificates are used.
+        bus: Bus of the process.
+        put: Publishes a message without a stamp, in this process and elsewhere.
+    """
+
+    def __init__(self, config: BusConfig, name: str, bus: ZenohBus, put: Put) -> None:
+        self.config, self.bus, self.put = config, bus, put
+        self.session = open_session(of_ros(config), "client", name, timestamps=True)
+        self.numbers = count()
+        """Numbers for nodes and their endpoints."""
+        self.kept: list[object] = []
+        """Declared objects, since Zenoh undeclares objects without reference."""
+
+    def type(self, name: str) -> str:
+        """Return a type in DDS's spelling with its hash, as in keys and tokens."""
+        is_humble = self.config.ros_distro == "humble"
+        return f"{protocol.dds_type(name)}/{protocol.NO_HASH if is_humble else type_hash(name)}"
+
+    def key(self, name: str, ros_type: str) -> str:
+        """Return the key of a topic's samples, or of a service's requests."""
+        return f"{self.config.ros_domain_id}/{name}/{ros_type}"
+
+    def declare_token(self, token: str) -> None:
+        """Declare the liveliness token by which ROS sees a node or an endpoint."""
+        self.kept.append(self.session.liveliness().declare_token(token))
+
+    def close(self) -> None:
+        """Close the session, and with it all its declarations."""
+        self.session.close()  # type: ignore[no-untyped-call]
+
+
 class RosNode:
     """A service as a ROS node, with its publishers, subscriptions and services.
 
-    Args:
-        side: Session of the process's ROS nodes.
-        name: Name of the service.
-        robot: Name of the service's robot, if there are several robots.
-        bus: Bus of the service's process.
-        put: Publishes a message without a stamp, in this process and elsewhere.
-        scenario: Configuration for the service's robot.
-        graph: Nodes of the scenario.
+    `robot` names the service's robot, whose scenario it is, if there are several robots.
     """
 
-    def __init__(
-        self,
-        side: RosSide,
-        name: str,
-        robot: str,
-        bus: ZenohBus,
-        put: Put,
-        scenario: Scenario,
-        graph: Graph,
-    ) -> None:
-        here = Namespace(scenario.bus.namespace or "")
-        self._side = side
-        self._node = Node(side.domain, side.id, next(side.numbers), here.name, ros_name(name))
-        self._robot, self._bus, self._put = robot, bus, put
-        side.declare_token(self._node.token)
+    def __init__(self, ros: RosSession, name: str, robot: str, scenario: Scenario) -> None:
+        self._ros, self._robot, self._bus = ros, robot, ros.bus
+        graph = graph_of(scenario)
+        self._name, self._number = ros_name(name), next(ros.numbers)
+        self._namespace = scenario.bus.namespace or ""
+        ros.declare_token(self._token(self._number, "NN"))
         for row in graph.services.get(name, ()):
-            for one in scenario.names:
-                self._add(row, graph, one or robot, here.within(one))
-            for topic in row.outputs:
-                if _is_common(row, topic):
-                    self._publish(topic, robot, name_of(row, topic), topic, here)
-            for service in SERVICES:
+            common = [topic for topic in row.outputs if row.owns_time or topic.shared]
+            for topic in common:
+                self._publish(row, topic, robot, self._namespace)
+            for scenario_robot in scenario.names:
+                namespace = self._within(scenario_robot)
+                for topic in row.outputs:
+                    if topic not in common:
+                        self._publish(row, topic, scenario_robot or robot, namespace)
+                self._add(row, graph, scenario_robot or robot, namespace)
+            for service in services.OF_SIMULATION:
                 if service.call in row.calls:
-                    whole, kind = here.whole(service.name), _service_type(service)
-                    respond = by_query(service, self._ask)
-                    self._serve(self._side.key(whole, *kind), service.name, respond)
-                    self._declare("SS", whole, kind)
+                    self._serve(service.name, self._namespace, service, partial(self._ask, service))
+                    full = full_name(service.name, self._namespace)
+                    self._declare("SS", full, ros.type(service.kind))
             if keys.SET_PARAMETERS in row.calls:
-                for other in scenario.services:
-                    for one in ("",) if other in SHARED else scenario.names:
-                        self._serve_parameters(other, one, here.within(one))
+                for node in scenario.services:
+                    for node_robot in ("",) if node in SHARED else scenario.names:
+                        self._serve_parameters(node, node_robot)
         if name in scenario.services:
-            for parameter_service in PARAMETER_SERVICES:
-                whole = here.whole(f"{ros_name(name)}/{parameter_service.name}")
-                self._declare("SS", whole, _service_type(parameter_service), PARAMETERS)
-        health = keys.diagnostics(name)
-        self._publish(health, robot, health.key, health, here)
+            for service in services.OF_NODE:
+                full = full_name(f"{self._name}/{service.name}", self._namespace)
+                self._declare("SS", full, ros.type(service.kind), topics.PARAMETERS)
+        self._publish(Row(name), keys.diagnostics(name), robot, self._namespace)
 
-    def _add(self, row: Row, graph: Graph, robot: str, where: Namespace) -> None:
-        """Declare the publishers and subscriptions of a row for one robot."""
+    def _within(self, robot: str) -> str:
+        """Return the namespace of one of several robots; the node's own if the name is empty."""
+        return join_key(robot, self._namespace) if robot else self._namespace
+
+    def _add(self, row: Row, graph: Graph, robot: str, namespace: str) -> None:
+        """Declare the description and the subscriptions of a row for one robot."""
         if keys.ROBOT_DESCRIPTION in row.calls:
-            described = ask_description(self._bus, robot, DESCRIPTION_TIMEOUT_S)
-            where = where._replace(urdf=described.urdf)
-            self._describe(where, described.meshes)
-        for topic in row.outputs:
-            if not _is_common(row, topic):
-                name = name_of(row, topic, self._key_of(topic, robot))
-                self._publish(topic, robot, name, topic, where)
-        for given in row.inputs:
-            if _taker(graph, given.topic) is row:
-                key, is_given = self._key_of(given.topic, robot), graph.giver(given.topic.key)
-                for one in subscriptions(given.topic, key, is_given=is_given is not None):
-                    self._take(given.topic, robot, one, where)
+            self._describe(robot, namespace)
+        for topic in (row_input.topic for row_input in row.inputs):
+            if _receiver(graph, topic) is row:
+                key, has_source = self._key_of(topic, robot), graph.giver(topic.key) is not None
+                for ros_topic in topics.subscriptions(topic, key, has_source=has_source):
+                    self._subscribe(of_robot(topic, robot), robot, ros_topic, namespace)
 
     def _key_of(self, topic: Topic[Any], robot: str) -> str:
         """Return the key of a robot's topic within the robot's namespace."""
         key = self._bus.key_of(of_robot(topic, robot))
         return key.removeprefix(f"{robot}/") if robot else key
 
-    def _describe(self, where: Namespace, meshes: Mapping[str, bytes]) -> None:
+    def _describe(self, robot: str, namespace: str) -> None:
         """Publish the robot's shapes and fixed frames, also for late subscribers."""
-        messages: tuple[Message, ...] = (
-            String(data=portable(where.urdf, meshes)),
-            fixed_frames(where.urdf, where.prefix),
-        )
-        for (name, kind), message in zip(DESCRIBED.items(), messages, strict=True):
-            key, gid = self._declare("MP", where.whole(name), _type(kind), LATCHED)
-            publisher = zenoh.ext.declare_advanced_publisher(
-                self._side.session,
-                key,
-                cache=zenoh.ext.CacheConfig(LATCHED.depth),
-                sample_miss_detection=MISSES,
-                publisher_detection=True,
-            )
-            publisher.put(cdr.encode(message), attachment=attachment_of(1, gid))
-            self._side.keep(publisher)
+        urdf, meshes = ask_description(self._bus, robot, DESCRIPTION_TIMEOUT_S)
+        frames = topics.fixed_frames(urdf, join_key("", namespace))
+        messages = String(data=topics.portable_urdf(urdf, meshes)), frames
+        for (name, kind), message in zip(topics.DESCRIBED.items(), messages, strict=True):
+            full = full_name(name, namespace)
+            key, gid = self._declare("MP", full, self._ros.type(kind.ROS_TYPE), topics.LATCHED)
+            publisher = zenoh.ext.declare_advanced_publisher(self._ros.session, key, **CACHED)
+            publisher.put(cdr.encode(message), attachment=protocol.attachment(1, gid))
+            self._ros.kept.append(publisher)
 
-    def _publish(
-        self, heard: Topic[Any], robot: str, name: str, topic: Topic[Any], where: Namespace
-    ) -> None:
-        """Publish messages of the topic `heard` in ROS while it has subscribers there."""
-        listeners = self._bus.listeners(of_robot(heard, robot))
-        for one in publications(topic, name, where):
+    def _publish(self, row: Row, topic: Topic[Any], robot: str, namespace: str) -> None:
+        """Publish an output of a row in ROS while it has subscribers there."""
+        listeners = self._bus.listeners(of_robot(topic, robot))
+        name, odom_tf = (
+            topics.name_of(row, topic, self._key_of(topic, robot)),
+            self._ros.config.ros_odom_tf,
+        )
+        for ros_topic in topics.publications(topic, name, namespace, odom_tf=odom_tf):
             try:
-                kind = _type(one.kind)
+                ros_type = self._ros.type(registered(ros_topic.kind))
             except RosTypeError as error:
                 logger.warning("msg=%r", f"not to be seen in ROS: {error}")
                 continue
-            key, gid = self._declare("MP", where.whole(one.name), kind, one.qos)
-            publisher = self._side.session.declare_publisher(
+            full = full_name(ros_topic.name, namespace)
+            key, gid = self._declare("MP", full, ros_type, ros_topic.qos)
+            publisher = self._ros.session.declare_publisher(
                 key, congestion_control=zenoh.CongestionControl.DROP
             )
-            match = partial(_match, self._bus.queue, listeners, _sender(publisher, gid, one))
-            self._side.keep(publisher, publisher.declare_matching_listener(direct(match)))
+            match = partial(_match, self._bus.queue, listeners, _sender(publisher, gid, ros_topic))
+            self._ros.kept += publisher, publisher.declare_matching_listener(direct(match))
 
-    def _take(self, topic: Topic[Any], robot: str, one: RosTopic, where: Namespace) -> None:
+    def _subscribe(
+        self, topic: Topic[Any], robot: str, ros_topic: RosTopic, namespace: str
+    ) -> None:
         """Publish samples from ROS on the plain key, without a stamp."""
-        name, kind = where.whole(one.name), _type(one.kind)
-        key = self._side.key(name, *kind)
+        name, ros_type = (
+            full_name(ros_topic.name, namespace),
+            self._ros.type(registered(ros_topic.kind)),
+        )
+        key, source = self._ros.key(name, ros_type), join_key(f"ros2/{ros_topic.name}", robot)
         refusals = Refusals(self._bus.queue, self._bus.refuse)
-        source, on_bus = join_key(_source(one.name), robot), of_robot(topic, robot)
 
-        def message_of(sample: zenoh.Sample) -> Message:
+        def read(sample: zenoh.Sample) -> Message:
             if len(sample.payload) > topic.max_bytes:
                 raise RefusedError(f"payload of more than {topic.max_bytes} bytes")
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
-            attached(sample)  # no ROS node sends or accepts a sample without an attachment
-            message: Message = one.convert(cdr.decode(sample.payload.to_bytes(), one.kind))
-            refuse_implausible(topic.key, message)
+            protocol.sequence_and_gid(sample)  # ROS sends and accepts no sample without it
+            payload = sample.payload.to_bytes()
+            message: Message = ros_topic.convert(cdr.decode(payload, ros_topic.kind))
+            refuse_implausible(topic.name, message)
             return message
 
         def receive(sample: zenoh.Sample) -> None:
             try:
-                inbox.receive(message_of(sample))
+                inbox.receive(read(sample))
             except RefusedError as refusal:
                 refusals.add(source, str(refusal))
 
         def take(message: Message) -> bool:
-            self._put(on_bus, message)
+            self._ros.put(topic, message)
             return True
 
         inbox: Inbox[Message] = Inbox(self._bus.queue, take, lambda _: True)
-        subscriber = self._side.session.declare_subscriber(
+        subscriber = self._ros.session.declare_subscriber(
             key, direct(receive), allowed_origin=zenoh.Locality.REMOTE
         )
-        self._side.keep(subscriber)
-        self._declare("MS", name, kind)
+        self._ros.kept.append(subscriber)
+        self._declare("MS", name, ros_type)
 
-    def _serve_parameters(self, service: str, robot: str, where: Namespace) -> None:
+    def _serve_parameters(self, node: str, robot: str) -> None:
         """Answer the services for the parameters of a node, whichever process it is in."""
 
         def ask(call: Call[Any, Any], request: Message) -> Any:
             return self._bus.call(call_of_robot(call, self._robot), request)
 
-        parameters = NodeParameters(service, robot, ask)
-        for one in PARAMETER_SERVICES:
-            name = f"{ros_name(service)}/{one.name}"
-            key = self._side.key(where.whole(name), *_service_type(one))
-            self._serve(key, name, by_parameters(one, parameters))
+        def respond(service: RosService, request: Message, give: Give) -> None:
+            give(service.response(**service.ask(parameters, request)))
 
-    def _serve(self, key: str, name: str, respond: Respond) -> None:
-        source = join_key(_source(name), self._robot)
-        self._side.keep(serve(self._side.session, self._bus, key, source, respond))
+        parameters = services.NodeParameters(node, robot, ask)
+        for service in services.OF_NODE:
+            name = f"{ros_name(node)}/{service.name}"
+            self._serve(name, self._within(robot), service, partial(respond, service))
 
-    def _ask(self, call: Call[Any, Any], request: Message, reply: Reply[Any]) -> None:
-        """Pass a query to its server in this process, which answers now or later."""
-        self._bus.server(call_of_robot(call, self._robot))(request, reply)
+    def _ask(self, service: RosService, request: Message, give: Give) -> None:
+        """Pass a request as a query to its server in this process, which answers now or later."""
+        call, query = service.ask(request)
+        self._bus.server(call_of_robot(call, self._robot))(query, QueryReply(give, service))
+
+    def _serve(
+        self,
+        name: str,
+        namespace: str,
+        service: RosService,
+        respond: Callable[[Message, Give], None],
+    ) -> None:
+        """Answer requests on the bus's thread; count those without rmw_zenoh's attachment."""
+        key = self._ros.key(full_name(name, namespace), self._ros.type(service.kind))
+        refusals = Refusals(self._bus.queue, self._bus.refuse)
+
+        def take(query: zenoh.Query) -> None:
+            try:
+                sequence, gid = protocol.sequence_and_gid(query)
+            except RefusedError as refusal:
+                drop(query, str(refusal))
+                return
+
+            def give(message: Message) -> None:
+                with query:
+                    attachment = protocol.attachment(sequence, gid)
+                    query.reply(key, cdr.encode(message), attachment=attachment)
+
+            payload = b"" if query.payload is None else query.payload.to_bytes()
+            try:
+                respond(cdr.decode(payload, service.request), give)
+            except RefusedError as refusal:
+                give(service.respond(services.UNSUPPORTED, str(refusal)))
+
+        def drop(query: zenoh.Query, reason: str) -> None:
+            refusals.add(join_key(f"ros2/{name}", self._robot), reason)
+            query.drop()  # type: ignore[no-untyped-call]
+
+        inbox = QueryInbox(self._bus.queue, key, take, drop)
+        queryable = self._ros.session.declare_queryable(key, direct(inbox.receive), complete=True)
+        self._ros.kept.append(queryable)
 
     def _declare(
-        self,
-        kind: str,
-        name: str,
-        of: tuple[str, str],
-        qos: Qos = Qos(),  # noqa: B008
+        self, kind: str, name: str, ros_type: str, qos: str = topics.RELIABLE
     ) -> tuple[str, bytes]:
-        """Let ROS see an endpoint; return its key and its identity.
+        """Let ROS see an endpoint (MP, MS or SS); return its key and its identity.
 
         A client may use a subscription or a service as soon as ROS sees it. So declare it first.
         """
-        dds, hashed = of
-        token = self._node.endpoint(
-            next(self._side.numbers), kind, name, dds, self._side.shown(hashed), qos
-        )
-        self._side.declare_token(token)
-        return self._side.key(name, dds, hashed), gid_of(token)
+        node = self._token(next(self._ros.numbers), kind)
+        token = f"{node}/{protocol.mangled(name)}/{ros_type}/{qos}"
+        self._ros.declare_token(token)
+        return self._ros.key(name, ros_type), protocol.gid_of(token)
+
+    def _token(self, number: int, kind: str) -> str:
+        """Return the liveliness token of the node, or the beginning of that of an endpoint."""
+        session, namespace = self._ros.session.info.zid(), protocol.mangled(self._namespace)
+        place = f"{self._ros.config.ros_domain_id}/{session}/{self._number}/{number}"
+        return f"{protocol.ADMIN}/{place}/{kind}/%/{namespace}/{self._name}"
 
 
-def _sender(publisher: zenoh.Publisher, gid: bytes, one: RosTopic) -> Send:
+def _sender(publisher: zenoh.Publisher, gid: bytes, ros_topic: RosTopic) -> Send:
     """Return a function that publishes messages in ROS, except those from outside (no stamp)."""
     sequence = count(1)
 
     def send(message: Message, stamp: Stamp | None) -> None:
-        seen = None if stamp is None else one.convert(message)
-        if seen is not None:
-            publisher.put(cdr.encode(seen), attachment=attachment_of(next(sequence), gid))
+        converted = None if stamp is None else ros_topic.convert(message)
+        if converted is not None:
+            attachment = protocol.attachment(next(sequence), gid)
+            publisher.put(cdr.encode(converted), attachment=attachment)
 
     return send
 
@@ -324,31 +320,9 @@ def _match(queue: Queue, listeners: list[Send], send: Send, status: zenoh.Matchi
     queue.put(change)
 
 
-def _type(kind: type[Message]) -> tuple[str, str]:
-    """Return a message's type in DDS's spelling, and its hash."""
-    return dds_type(kind.ROS_TYPE), type_hash(kind)
-
-
-def _service_type(service: Service) -> tuple[str, str]:
-    """Return a service's type in DDS's spelling, and its hash."""
-    return dds_type(service.kind), service_hash(service.kind, *service.interface)
-
-
-def _source(name: str) -> str:
-    """Return the name under which refused samples and requests from ROS are counted."""
-    return f"ros2/{name}"
-
-
-def _is_common(row: Row, topic: Topic[Any]) -> bool:
-    """Return whether a row publishes a topic for all robots together."""
-    return row.owns_time or topic.shared
-
-
-def _taker(graph: Graph, topic: Topic[Any]) -> Row | None:
+def _receiver(graph: Graph, topic: Topic[Any]) -> Row | None:
     """Return the only node that receives a topic from ROS; others receive it on the plain key."""
-    takers = (
-        row
-        for row in graph.rows
-        if topic in [given.topic for given in row.inputs] and not row.observes and not row.shared
-    )
-    return next(takers, None)
+    for row in graph.rows:
+        if not row.observes and not row.shared and topic in [i.topic for i in row.inputs]:
+            return row
+    return None

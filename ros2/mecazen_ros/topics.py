@@ -3,57 +3,45 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
+from xml.etree import ElementTree as ET
 
 import msgspec
+import numpy as np
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.keys import Topic
 from mecazen.messages import Message
+from mecazen.robots import join_key
+from mecazen.rotation import from_rpy, rotate
 from mecazen.row import Row
+from mecazen.urdf import read, read_origin
 
-from mecazen_ros.description import MovingFrames
-from mecazen_ros.interfaces import message
-from mecazen_ros.protocol import SENSOR_DATA, Qos
+from mecazen_ros.types import message
 
-TFMessage, TwistStamped = message("TFMessage"), message("TwistStamped")
+TFMessage = message("tf2_msgs/msg/TFMessage")
+TransformStamped = message("geometry_msgs/msg/TransformStamped")
+Transform = message("geometry_msgs/msg/Transform")
+TwistStamped = message("geometry_msgs/msg/TwistStamped")
 WORLD = "world"
 """The frame of the truth, which all robots share."""
 PERSON = "person"
 """The frame of the person as the follower estimates it."""
-EXACTLY = 1e-9
-"""Variance of exact values: ROS's filters refuse 0."""
-FRAMES = Qos(100)
-
-DESCRIBED: Mapping[str, type[Message]] = {
-    keys.ROBOT_DESCRIPTION.key: m.String,
-    "/tf_static": TFMessage,
-}
+EXACTLY = 1e-9  # variance of exact values: ROS's filters refuse 0
+RELIABLE = "::,10:,:,:,,"
+"""Quality of service as a token of rmw_zenoh has it; fields with its defaults are empty."""
+SENSOR_DATA, NEWEST = "2::,5:,:,:,,", "2::,1:,:,:,,"  # best effort
+FRAMES = "::,100:,:,:,,"
+PARAMETERS = "::,1000:,:,:,,"
+LATCHED = ":1:,1:,:,:,,"  # transient local: late subscribers receive the newest sample
+QOS: Mapping[Any, str] = {m.Clock: NEWEST} | dict.fromkeys(
+    (m.LaserScan, m.Image, m.CameraInfo, m.Imu), SENSOR_DATA
+)
+DESCRIBED: Mapping[str, Any] = {keys.ROBOT_DESCRIPTION.key: m.String, "/tf_static": TFMessage}
 """Latched topics that describe a robot."""
-
-
-class Namespace(NamedTuple):
-    """A namespace of ROS names: that of the bus, followed by that of a robot."""
-
-    name: str = ""
-    """Name without slashes at its ends."""
-    urdf: str = ""
-    """URDF of the namespace's robot, if this process has it."""
-
-    @property
-    def prefix(self) -> str:
-        """Prefix of frame names, since the frames of all robots are in one tree."""
-        return f"{self.name}/" if self.name else ""
-
-    def within(self, robot: str) -> Namespace:
-        """Return the namespace of one of several robots; this namespace if the name is empty."""
-        return self._replace(name=self.prefix + robot) if robot else self
-
-    def whole(self, name: str) -> str:
-        """Return a full name; a name with a leading slash is in no robot's namespace."""
-        return name[1:] if name.startswith("/") else self.prefix + name
 
 
 class RosTopic(NamedTuple):
@@ -62,9 +50,19 @@ class RosTopic(NamedTuple):
     name: str
     """Name, with a leading slash if it is in no robot's namespace."""
     kind: type[Message]
-    qos: Qos
-    convert: Callable[[Any], Any]
+    qos: str = RELIABLE
+    convert: Callable[[Any], Any] = lambda message: message
     """Returns the message for the other side; None if there is no message to publish."""
+
+
+def ros_name(name: str) -> str:
+    """Return a key as ROS allows names: letters, digits, underscores and slashes."""
+    return name.replace("-", "_")
+
+
+def full_name(name: str, namespace: str) -> str:
+    """Return a full name; a name with a leading slash is in no robot's namespace."""
+    return name[1:] if name.startswith("/") else join_key(name, namespace)
 
 
 def name_of(row: Row, topic: Topic[Any], key: str = "") -> str:
@@ -77,56 +75,41 @@ def name_of(row: Row, topic: Topic[Any], key: str = "") -> str:
     return f"{row.name}/{key}" if topic.open else key
 
 
-def publications(topic: Topic[Any], name: str, where: Namespace) -> list[RosTopic]:
-    """Return the ROS topics that show a topic; `name` is for the topic with the same message."""
-    prefix = where.prefix
-    plain = RosTopic(name, topic.type, Qos(), lambda seen: prefixed(seen, prefix))
-    found = [plain]
-    frames: Callable[[Any], Message | None] | None = None
+def publications(
+    topic: Topic[Any], name: str, namespace: str, *, odom_tf: bool = True
+) -> list[RosTopic]:
+    """Return the ROS topics that show a topic: one of this name, and frames."""
+    prefix = join_key("", namespace)
+    if topic.key.startswith("diagnostics/"):
+        named = partial(_diagnostics, prefix=prefix)
+        return [RosTopic("/diagnostics", topic.type, convert=named)]
     if topic is keys.CLOCK:
-        found = [RosTopic("/clock", m.Clock, Qos(1, reliable=False), lambda clock: clock)]
-    elif topic.key.startswith("diagnostics/"):
-        found = [RosTopic("/diagnostics", topic.type, Qos(), lambda a: _diagnostics(a, prefix))]
-    elif topic.type is m.Odometry:
-        found = [plain._replace(convert=lambda o: prefixed(_uncertain(o), prefix))]
-    elif topic.type is m.LaserScan:
-        found = [plain._replace(qos=SENSOR_DATA, convert=lambda s: prefixed(rep_117(s), prefix))]
-    elif topic.type in (m.Image, m.CameraInfo, m.Imu):
-        found = [plain._replace(qos=SENSOR_DATA)]
-    elif topic.type is m.BatteryState:
-        found = [plain._replace(convert=lambda b: prefixed(_unmeasured(b), prefix))]
-    if topic is keys.ODOM:
-        frames = partial(_frame, prefix=prefix)
-    elif topic is keys.JOINT_STATES and where.urdf:
-        frames = MovingFrames(where.urdf, prefix)
+        name = "/clock"
+    to_ros = CONVERSIONS.get(topic.type, lambda message: message)
+    qos = QOS.get(topic.type, RELIABLE)
+    shown = [RosTopic(name, topic.type, qos, lambda message: prefixed(to_ros(message), prefix))]
+    if topic is keys.ODOM and odom_tf:
+        shown.append(RosTopic("/tf", TFMessage, FRAMES, partial(_frame, prefix=prefix)))
     elif topic is keys.FOLLOWER_STATE:
-        frames = partial(_person_frame, prefix=prefix)
-    if frames is not None:
-        found.append(RosTopic("/tf", TFMessage, FRAMES, frames))
-    return found
+        shown.append(RosTopic("/tf", TFMessage, FRAMES, partial(_person_frame, prefix=prefix)))
+    return shown
 
 
-def subscriptions(topic: Topic[Any], key: str, *, is_given: bool = True) -> list[RosTopic]:
-    """Return the ROS topics that are received for a topic, if it is open or of a real sensor.
+def subscriptions(topic: Topic[Any], key: str, *, has_source: bool = True) -> list[RosTopic]:
+    """Return the ROS topics that are received for a topic with a key on the bus.
 
-    Args:
-        topic: The topic.
-        key: Its key on the bus.
-        is_given: Whether a node of the scenario publishes it.
+    It must be open, or of a sensor that no node of the scenario has as a source.
     """
-    if not topic.open and (is_given or not topic.sensed):
+    if not topic.open and (has_source or not topic.sensed):
         return []
-    found = [RosTopic(ros_name(key), topic.type, Qos(), lambda taken: taken)]
+    name = ros_name(key)
     if topic.type is m.LaserScan:
-        found = [found[0]._replace(qos=SENSOR_DATA)]
+        return [RosTopic(name, topic.type, SENSOR_DATA)]
+    plain = RosTopic(name, topic.type)
     if topic.type is m.Twist:  # Nav2 sends either type, and each type has its own key
-        found.append(RosTopic(ros_name(key), TwistStamped, Qos(), lambda stamped: stamped.twist))
-    return found
-
-
-def ros_name(name: str) -> str:
-    """Return a key as ROS allows names: letters, digits, underscores and slashes."""
-    return name.replace("-", "_")
+        stamped = RosTopic(name, TwistStamped, convert=lambda stamped: stamped.twist)
+        return [plain, stamped]
+    return [plain]
 
 
 def prefixed(message: Any, prefix: str) -> Any:
@@ -142,11 +125,11 @@ def prefixed(message: Any, prefix: str) -> Any:
         elif isinstance(value, Message):
             changed[name] = prefixed(value, prefix)
         elif isinstance(value, tuple) and value and isinstance(value[0], Message):
-            changed[name] = tuple(prefixed(one, prefix) for one in value)
+            changed[name] = tuple(prefixed(item, prefix) for item in value)
     return msgspec.structs.replace(message, **changed) if changed else message
 
 
-def rep_117(scan: m.LaserScan) -> m.LaserScan:
+def to_rep_117(scan: m.LaserScan) -> m.LaserScan:
     """Return a scan with the infinities and NaN of REP-117; see `LaserScan`."""
     least, most = scan.range_min, scan.range_max
 
@@ -155,56 +138,99 @@ def rep_117(scan: m.LaserScan) -> m.LaserScan:
             return math.nan
         return -math.inf if value < least else math.inf if value > most else value
 
-    ranges = tuple(map(shown, scan.ranges))
-    return msgspec.structs.replace(scan, ranges=ranges)
+    return msgspec.structs.replace(scan, ranges=tuple(map(shown, scan.ranges)))
 
 
-def _unmeasured(battery: m.BatteryState) -> m.BatteryState:
+def _with_unmeasured(battery: m.BatteryState) -> m.BatteryState:
     """Return a battery's state with NaN for unmeasured quantities; see `BatteryState`."""
     names = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
-    lost = {name: math.nan for name in names if getattr(battery, name) == 0.0}
-    return msgspec.structs.replace(battery, **lost)
+    unmeasured = {name: math.nan for name in names if getattr(battery, name) == 0.0}
+    return msgspec.structs.replace(battery, **unmeasured)
+
+
+def _without_zero_variance(odometry: m.Odometry) -> m.Odometry:
+    parts: dict[str, Any] = {"pose": odometry.pose, "twist": odometry.twist}
+    for name, part in parts.items():
+        covariance = list(part.covariance)
+        covariance[::7] = [value or EXACTLY for value in covariance[::7]]  # on the diagonal
+        parts[name] = msgspec.structs.replace(part, covariance=tuple(covariance))
+    return msgspec.structs.replace(odometry, **parts)
+
+
+CONVERSIONS: Mapping[type[Message], Callable[[Any], Any]] = {
+    m.BatteryState: _with_unmeasured,
+    m.LaserScan: to_rep_117,
+    m.Odometry: _without_zero_variance,
+}
 
 
 def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:
     """Return diagnostics whose names begin with the robot's namespace."""
-    if not prefix:
-        return array
-    return m.DiagnosticArray(
-        header=array.header,
-        status=tuple(msgspec.structs.replace(one, name=prefix + one.name) for one in array.status),
-    )
+    status = [msgspec.structs.replace(part, name=prefix + part.name) for part in array.status]
+    return msgspec.structs.replace(array, status=tuple(status))
 
 
-def _uncertain(odometry: m.Odometry) -> m.Odometry:
-    """Return an odometry without a variance of 0."""
-
-    def no_zero(covariance: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(
-            EXACTLY if value == 0.0 and index % 7 == 0 else value
-            for index, value in enumerate(covariance)
-        )
-
-    parts = {
-        part: msgspec.structs.replace(given, covariance=no_zero(given.covariance))
-        for part, given in (("pose", odometry.pose), ("twist", odometry.twist))
-    }
-    return msgspec.structs.replace(odometry, **parts)
-
-
-def _frame(odometry: m.Odometry, prefix: str, child: str = "") -> Any:
-    """Return the child frame of an odometry, relative to the odometry's frame."""
-    frame, pose = odometry.header.frame_id, odometry.pose.pose
-    at = pose.position
-    header = m.Header(odometry.header.stamp, frame if frame == WORLD else prefix + frame)
-    moved = message("Transform")(m.Vector3(at.x, at.y, at.z), pose.orientation)
-    child = prefix + (child or odometry.child_frame_id)
-    return TFMessage((message("TransformStamped")(header, child, moved),))
+def _frame(odometry: m.Odometry, prefix: str) -> Any:
+    """Return the child frame of an odometry, the robot's base, relative to the odometry's frame."""
+    pose = odometry.pose.pose
+    translation = m.Vector3(pose.position.x, pose.position.y, pose.position.z)
+    transform = Transform(translation, pose.orientation)
+    frame = TransformStamped(odometry.header, odometry.child_frame_id, transform)
+    return prefixed(TFMessage((frame,)), prefix)
 
 
 def _person_frame(state: m.FollowerState, prefix: str) -> Any:
     """Return the estimated frame of the person; None until first seen."""
     if not state.estimate:
         return None
-    seen = msgspec.structs.replace(state.estimate[0], header=state.header)
-    return _frame(seen, prefix, PERSON)
+    estimate = state.estimate[0]
+    return _frame(m.Odometry(state.header, PERSON, estimate.pose, estimate.twist), prefix)
+
+
+def fixed_frames(urdf: str, prefix: str) -> Any:
+    """Return the frames of links fixed to other links, such as sensors; none of joints."""
+    frames = []
+    for joint in read(urdf).joints:
+        if joint.kind == "fixed":
+            rotation = m.Quaternion(*from_rpy(joint.origin.rpy).tolist())
+            transform = Transform(m.Vector3(*joint.origin.xyz), rotation)
+            frames.append(TransformStamped(m.Header(frame_id=joint.parent), joint.child, transform))
+    return prefixed(TFMessage(tuple(frames)), prefix)
+
+
+def portable_urdf(urdf: str, meshes: Mapping[str, bytes]) -> str:
+    """Return a URDF with cylinders in place of some meshes, STL of bodies about z as rollers are.
+
+    ROS fetches no file from Zenoh, and a `package://` opens only where that package is installed.
+    """
+    root = ET.fromstring(urdf)  # noqa: S314 - of our own making, or of a world of the user's own
+    for link in root.iterfind("link"):
+        for part in [*link.iterfind("visual"), *link.iterfind("collision")]:
+            mesh = part.find("geometry/mesh")
+            stl = None if mesh is None else meshes.get(mesh.get("filename", ""))
+            if stl is not None:
+                link.remove(part)
+                link.extend(_cylinders(part, stl))
+    return ET.tostring(root, encoding="unicode", xml_declaration=True)
+
+
+def _cylinders(part: ET.Element, stl: bytes) -> Iterator[ET.Element]:
+    """Yield five copies of a link's part, with cylinders that enclose its mesh."""
+    facets = np.frombuffer(stl[84:], dtype=[("corners", "<f4", (4, 3)), ("", "<u2")])
+    corners = facets["corners"][:, 1:].astype(float)  # after the normal
+    radii = np.hypot(corners[..., 0], corners[..., 1]).max(axis=1)
+    lowest, highest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    origin = read_origin(part)
+    for low, high in pairwise(np.linspace(lowest.min(), highest.max(), 6)):
+        xyz = origin.xyz + rotate(from_rpy(origin.rpy), (0.0, 0.0, (low + high) / 2))
+        radius = radii[(lowest <= high) & (highest >= low)].max(initial=0.0)
+        copied = ET.Element(part.tag)
+        ET.SubElement(copied, "origin", {"xyz": _text(*xyz), "rpy": _text(*origin.rpy)})
+        size = {"radius": _text(radius), "length": _text(high - low)}
+        ET.SubElement(ET.SubElement(copied, "geometry"), "cylinder", size)
+        copied.extend(part.findall("material"))
+        yield copied
+
+
+def _text(*values: float) -> str:
+    return " ".join(f"{value:.9g}" for value in values)

@@ -1,89 +1,176 @@
-"""Names, fields, definitions and hashes of ROS 2's types, from the structs, by rosbags.
+"""Messages as types of ROS 2: definitions and hashes.
 
-The type of a field follows from its annotation: an integer takes the fewest of 8, 16, 32 or 64
-bits that hold its bounds, `bytes` are `uint8[]`, and a tuple whose least and greatest lengths are
-equal is an array. `msgspec.Meta(extra={"ros": "byte"})` names a type that bounds can't.
+ROS's own types are in rosbags' store for Jazzy. The types of other messages follow from their
+annotations: an integer takes the fewest of 8, 16, 32 or 64 bits that hold its bounds, `bytes` are
+`uint8[]`, and a tuple whose least and greatest lengths are equal is an array.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import inspect
+import re
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
-from typing import Annotated, Any, ClassVar
+from pathlib import Path
+from typing import Any
 
 import msgspec
 import msgspec.inspect as mi
 import numpy as np
+from mecazen import messages
 from mecazen.errors import MecazenError
-from mecazen.messages import Message, Time, UInt8
+from mecazen.keys import TOPICS
+from mecazen.messages import Message
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+PACKAGE = "mecazen_msgs"
+ZEROS = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
+"""Defaults of types; 0 for others."""
 FLOAT32_MAX = 3.4028234663852886e38
 NO_FIELD = "structure_needs_at_least_one_member"
 """The field that ROS gives a type without fields."""
-STORE: Any = get_typestore(Stores.EMPTY)
-"""rosbags' store of the types that were asked for so far."""
+INTERFACES = """
+service_msgs/msg/ServiceEventInfo: uint8 event_type, builtin_interfaces/Time stamp, \
+uint8[16] client_gid, int64 sequence_number
+std_srvs/srv/Trigger: -> bool success, string message
+simulation_interfaces/msg/Result: uint8 result, string error_message
+simulation_interfaces/msg/SimulationState: uint8 state
+simulation_interfaces/srv/ResetSimulation: uint8 scope -> Result result
+simulation_interfaces/srv/StepSimulation: uint64 steps -> Result result
+simulation_interfaces/srv/SetSimulationState: SimulationState state -> Result result
+simulation_interfaces/srv/GetSimulationState: -> SimulationState state, Result result
+rcl_interfaces/srv/ListParameters: string[] prefixes, uint64 depth -> ListParametersResult result
+rcl_interfaces/srv/GetParameters: string[] names -> ParameterValue[] values
+rcl_interfaces/srv/GetParameterTypes: string[] names -> uint8[] types
+rcl_interfaces/srv/DescribeParameters: string[] names -> ParameterDescriptor[] descriptors
+rcl_interfaces/srv/SetParameters: Parameter[] parameters -> SetParametersResult[] results
+rcl_interfaces/srv/SetParametersAtomically: Parameter[] parameters -> SetParametersResult result
+"""
+"""Types that rosbags lacks, and one with `char`, whose hash it gets wrong. Services have a request
+and a response."""
 
 Shape = tuple[int, Any]
 """A type in rosbags' form: its `Nodetype` and details."""
 ITEMS = (Nodetype.ARRAY, Nodetype.SEQUENCE)
+BYTE: Shape = (Nodetype.BASE, ("uint8", 0))
 
 
 class RosTypeError(MecazenError):
-    """A message with a field that ROS has no type for."""
+    """A message with a field that ROS has no type for, or with another's name."""
 
 
-class ServiceEventInfo(Message):
-    """The event in each service's type, besides request and response; never sent here."""
+def _maker(fields: Iterable[tuple[str, Shape]]) -> Callable[..., dict[str, Any]]:
+    """Return the function that rosbags calls with the fields of a message: as in JSON, by name."""
+    convert: dict[str, Any] = {
+        name: np.ndarray.tobytes if _is_bytes(shape) else np.ndarray.tolist
+        for name, shape in fields
+    }
+    return lambda *values: {
+        name: convert[name](value) if isinstance(value, np.ndarray) else value
+        for name, value in zip(convert, values, strict=True)
+    }
 
-    ROS_TYPE: ClassVar[str] = "service_msgs/msg/ServiceEventInfo"
-    event_type: UInt8 = 0
-    stamp: Time = Time()
-    client_gid: Annotated[bytes, msgspec.Meta(min_length=16, max_length=16)] = bytes(16)
-    sequence_number: int = 0
+
+def _is_bytes(shape: Shape) -> bool:
+    return shape[0] in ITEMS and shape[1][0][1][0] in ("uint8", "byte")
+
+
+def _register(name: str, fields: Iterable[tuple[str, Shape]]) -> None:
+    members = list(fields) or [(NO_FIELD, BYTE)]
+    STORE.fielddefs[name] = [], members
+    STORE.types[name] = _maker(members)
+
+
+def _register_interface(line: str) -> None:
+    """Register a line of `INTERFACES`: a message, or the request and the response of a service."""
+    name, text = line.split(": ", 1)
+    parts = text.split("->")
+    for part, end in zip(parts, ("_Request", "_Response") if parts[1:] else ("",), strict=True):
+        text = part.strip().replace(", ", "\n")
+        # parsed as a message, beside which rosbags looks for the types of the fields
+        ((_, fields),) = get_types_from_msg(text, name.replace("/srv/", "/msg/")).values()
+        _register(name + end, fields)
+
+
+STORE: Any = get_typestore(Stores.ROS2_JAZZY)
+"""rosbags' store of types: those of Jazzy, and those that were asked for so far."""
+STORE.types = {name: _maker(fields) for name, (_, fields) in STORE.fielddefs.items()}
+for interface in INTERFACES.strip().split("\n"):
+    _register_interface(interface)
 
 
 @cache
-def fields(kind: type[Message]) -> tuple[tuple[str, Shape], ...]:
-    """Return the names and types of a message's fields; register nested messages as well.
+def message(name: str) -> Any:
+    """Return the struct of a message by its type: one of mecazen, or one that only ROS sees."""
+    short = name.rpartition("/")[2]
+    known = getattr(messages, short, None)
+    if known is not None and name == known.ROS_TYPE:
+        return known
+    shapes = dict(STORE.fielddefs[name][1])
+    fields = [(field, *_annotation(shapes[field])) for field in shapes if field != NO_FIELD]
+    namespace = {"ROS_TYPE": name, "__doc__": f"{name}, as ROS defines it."}
+    return msgspec.defstruct(short, fields, bases=(Message,), namespace=namespace, frozen=True)
 
-    Raises:
-        RosTypeError: ROS has no type for a field.
-    """
-    found = []
-    for name, node in _annotations(kind):
-        try:
-            found.append((name, _shape(node)))
-        except KeyError as error:
-            what = f"{kind.ROS_TYPE}: {name}: ROS has no type for {error.args[0]}"
-            raise RosTypeError(what) from None
-    return tuple(found) or ((NO_FIELD, (Nodetype.BASE, ("uint8", 0))),)
+
+def _annotation(shape: Shape) -> tuple[Any, Any]:
+    """Return the annotation and the default of a type."""
+    node, detail = shape
+    if node == Nodetype.NAME:
+        return message(detail), message(detail)()
+    if node == Nodetype.BASE:
+        zero = ZEROS.get(detail[0], 0)
+        return type(zero), zero
+    if _is_bytes(shape):
+        return bytes, b""
+    return tuple[_annotation(detail[0])[0], ...], ()  # type: ignore[misc]  # a type made here
+
+
+@cache
+def registered(kind: type[Message]) -> str:
+    """Return the name of a message's type, after registering it unless it is ROS's own."""
+    name = kind.ROS_TYPE
+    if name not in STORE.fielddefs:
+        info = mi.type_info(kind)
+        assert isinstance(info, mi.StructType)
+        fields = []
+        for field in info.fields:
+            try:
+                fields.append((field.name, _shape(field.type)))
+            except KeyError as error:
+                what = f"{name}: {field.name}: ROS has no type for {error.args[0]}"
+                raise RosTypeError(what) from None
+        _register(name, fields)
+    names = [field for field, _ in STORE.fielddefs[name][1] if field != NO_FIELD]
+    if names != [*kind.__struct_fields__]:
+        raise RosTypeError(f"{name}: another message of this name has other fields")
+    return name
 
 
 def _shape(node: mi.Type) -> Shape:
     """Return the type of an annotation; a KeyError names a type that ROS lacks."""
-    node, own = _without_metadata(node)
-    if isinstance(node, mi.VarTupleType | mi.BytesType):
-        item = _base(own or "uint8") if isinstance(node, mi.BytesType) else _shape(node.item_type)
+    node = node.type if isinstance(node, mi.Metadata) else node
+    if isinstance(node, mi.StructType) and issubclass(node.cls, Message):
+        return Nodetype.NAME, registered(node.cls)
+    if not isinstance(node, mi.VarTupleType | mi.BytesType):
+        limit = (node.max_length or 0) if isinstance(node, mi.StrType) else 0
+        return Nodetype.BASE, (_base(node), limit)
+    item = BYTE
+    if isinstance(node, mi.VarTupleType):
+        item = _shape(node.item_type)
         if item[0] in ITEMS:
             raise KeyError("a sequence of sequences")
-        fixed = node.max_length is not None and node.min_length == node.max_length
-        return Nodetype.ARRAY if fixed else Nodetype.SEQUENCE, (item, node.max_length or 0)
-    if isinstance(node, mi.StructType) and issubclass(node.cls, Message):
-        return Nodetype.NAME, known(node.cls)
-    if isinstance(node, mi.StrType):
-        return _base("string", node.max_length or 0)
-    return _base(own or _number(node))
+        if item == BYTE:
+            raise KeyError("a tuple of 8 bits without sign; bytes are allowed")
+    is_array = node.max_length is not None and node.min_length == node.max_length
+    return Nodetype.ARRAY if is_array else Nodetype.SEQUENCE, (item, node.max_length or 0)
 
 
-def _base(name: str, capacity: int = 0) -> Shape:
-    return Nodetype.BASE, (name, capacity)
-
-
-def _number(node: mi.Type) -> str:
+def _base(node: mi.Type) -> str:
+    """Return the name of a number's or a text's type."""
     if isinstance(node, mi.IntType):
-        low, high = _bounds(node)
+        low = node.ge if node.ge is not None else -np.inf if node.gt is None else node.gt + 1
+        high = node.le if node.le is not None else np.inf if node.lt is None else node.lt - 1
         for bits in (8, 16, 32, 64):
             for sign, least in (("u", 0), ("", -(2 ** (bits - 1)))):
                 if low >= least and high < least + 2**bits:
@@ -91,126 +178,43 @@ def _number(node: mi.Type) -> str:
         return "uint64" if low >= 0 else "int64"
     if isinstance(node, mi.FloatType):
         return "float32" if node.le == FLOAT32_MAX else "float64"
-    if isinstance(node, mi.BoolType):
-        return "bool"
+    if isinstance(node, mi.BoolType | mi.StrType):
+        return "bool" if isinstance(node, mi.BoolType) else "string"
     raise KeyError(type(node).__name__.removesuffix("Type").lower())
 
 
-def _bounds(node: mi.IntType) -> tuple[float, float]:
-    """Return the least and the greatest value of a whole number; infinite if there is none."""
-    low = node.ge if node.ge is not None else node.gt + 1 if node.gt is not None else -float("inf")
-    high = node.le if node.le is not None else node.lt - 1 if node.lt is not None else float("inf")
-    return low, high
-
-
-@cache
-def known(kind: type[Message]) -> str:
-    """Return the name of a message's type, after registering its fields with rosbags.
-
-    Raises:
-        RosTypeError: ROS has no type for a field, or another message has this name.
-    """
-    _tell(kind.ROS_TYPE, fields(kind), [_constant(line) for line in kind.ROS_CONSTANTS])
-    STORE.types[kind.ROS_TYPE] = _made_by(kind)
-    return kind.ROS_TYPE
-
-
-def _made_by(kind: type[Message]) -> Any:
-    """Return the function that rosbags calls with a message's fields to get them as in JSON."""
-    names = kind.__struct_fields__
-    nodes = [_without_metadata(node)[0] for _, node in _annotations(kind)]
-    turns: list[Any] = [
-        np.ndarray.tobytes if isinstance(n, mi.BytesType) else np.ndarray.tolist for n in nodes
-    ]
-
-    def made(*values: Any) -> dict[str, Any]:
-        given = zip(names, turns, values, strict=False)  # drops the placeholder field
-        return {
-            name: turn(value) if isinstance(value, np.ndarray) else value
-            for name, turn, value in given
-        }
-
-    return made
-
-
-def _annotations(kind: type[Any]) -> list[tuple[str, mi.Type]]:
-    info = mi.type_info(kind)
-    assert isinstance(info, mi.StructType)
-    return [(field.name, field.type) for field in info.fields]
-
-
-def _without_metadata(node: mi.Type) -> tuple[mi.Type, str | None]:
-    """Return an annotation, and the type in ROS that it names."""
-    if isinstance(node, mi.Metadata):
-        return node.type, (node.extra or {}).get("ros")
-    return node, None
-
-
-def _constant(line: str) -> tuple[str, str, Any]:
-    base, _, rest = line.partition(" ")
-    name, _, value = rest.partition("=")
-    return name, base, int(value)
-
-
-def _tell(name: str, members: Iterable[tuple[str, Shape]], constants: Iterable[Any] = ()) -> None:
-    told = [*members]
-    if STORE.fielddefs.setdefault(name, ([*constants], told))[1] != told:
-        raise RosTypeError(f"{name}: another message of this name has other fields")
-
-
-def parts(kind: type[Message]) -> tuple[type[Message], ...]:
-    """Return a message's type, then all types in it, each once, in the order of first use."""
-    found = {kind: None}
-    for _, annotation in _annotations(kind):
-        node, _ = _without_metadata(annotation)
-        if isinstance(node, mi.VarTupleType):
-            node, _ = _without_metadata(node.item_type)
-        if isinstance(node, mi.StructType) and issubclass(node.cls, Message):
-            found.update(dict.fromkeys(parts(node.cls)))
-    return tuple(found)
-
-
 def definition(kind: type[Message]) -> str:
-    """Return a message's definition with those it depends on, as MCAP's `ros2msg`.
-
-    Raises:
-        RosTypeError: ROS has no type for a field.
-    """
-    text: str = STORE.generate_msgdef(known(kind), ros_version=2)[0]
-    return text
-
-
-def type_hash(kind: type[Message]) -> str:
-    """Return the hash of a message's type, as from ROS 2 Iron on: `RIHS01_…` (REP-2016).
-
-    Raises:
-        RosTypeError: ROS has no type for a field.
-    """
-    return _hash(known(kind))
+    """Return a message's definition with those it depends on, as MCAP's `ros2msg`."""
+    return str(STORE.generate_msgdef(registered(kind), ros_version=2)[0])
 
 
 @cache
-def service_hash(name: str, request: type[Message], response: type[Message]) -> str:
-    """Return the hash of a service's type, such as `std_srvs/srv/Trigger`.
+def type_hash(name: str) -> str:
+    """Return the hash of a type, as from ROS 2 Iron on: `RIHS01_…` (REP-2016).
 
-    The hash is that of a message with the request, the response and the event that introspection
-    publishes. The fields of `request` and `response` matter, not their names.
-
-    Raises:
-        RosTypeError: ROS has no type for a field.
+    That of a service is that of a message with its request, its response and the event for
+    introspection.
     """
-    asked, answered, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
-    _tell(asked, fields(request))
-    _tell(answered, fields(response))
-    parts = (Nodetype.NAME, asked), (Nodetype.NAME, answered)
-    info = Nodetype.NAME, known(ServiceEventInfo)
-    most_one = [(Nodetype.SEQUENCE, (part, 1)) for part in parts]
-    _tell(event, zip(("info", "request", "response"), (info, *most_one), strict=True))
-    names = ("request_message", "response_message", "event_message")
-    _tell(name, zip(names, (*parts, (Nodetype.NAME, event)), strict=True))
-    return _hash(name)
+    if "/srv/" in name:
+        request, response, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
+        parts = (Nodetype.NAME, request), (Nodetype.NAME, response)
+        info = Nodetype.NAME, "service_msgs/msg/ServiceEventInfo"
+        most_one = [(Nodetype.SEQUENCE, (part, 1)) for part in parts]
+        _register(event, zip(("info", "request", "response"), (info, *most_one), strict=True))
+        names = ("request_message", "response_message", "event_message")
+        _register(name, zip(names, (*parts, (Nodetype.NAME, event)), strict=True))
+    return str(STORE.hash_rihs01(name))
 
 
-def _hash(name: str) -> str:
-    hashed: str = STORE.hash_rihs01(name)
-    return hashed
+def package_files(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yield each file of definitions of the ROS package `mecazen_msgs`, and its content."""
+    for topic in TOPICS:
+        package, _, name = topic.type.ROS_TYPE.partition("/msg/")
+        names = re.findall(rf"MSG: {PACKAGE}/(.+)", definition(topic.type))
+        for short in (*names, name) if package == PACKAGE else names:
+            kind = message(f"{PACKAGE}/msg/{short}")
+            comment = "".join(
+                f"# {line}".rstrip() + "\n" for line in inspect.cleandoc(kind.__doc__).splitlines()
+            )
+            fields = definition(kind).partition("=" * 80)[0]
+            yield folder / "msg" / f"{short}.msg", f"{comment}\n{fields}"

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -300,6 +301,14 @@ def test_what_happens_is_reported_on_the_pipe_instead_of_the_log(
         _, err = process.communicate(timeout=COMMAND_GUARD_S)
         assert lines.read() == ""
     assert (process.returncode, err) == (code, "")
+
+
+def test_a_missing_extra_for_ros_is_an_error_that_says_what_to_install(monkeypatch, scenario):
+    monkeypatch.setattr(running, "is_installed", lambda extra: extra != "ros2")
+    scenario = msgspec.structs.replace(scenario, bus=BusConfig(ros2=True))
+    for start in (partial(running.run_process, Process(("controller",))), running.run_router):
+        with pytest.raises(BusError, match=r"bus.ros2 needs pip install 'mecazen\[ros2\]'"):
+            start(scenario, Reporter(None))
 
 
 def test_a_client_waits_for_the_router_once(monkeypatch, scenario):

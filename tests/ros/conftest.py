@@ -12,17 +12,16 @@ from ros.node import RawNode
 from stack import Stack
 
 PEERS = ROOT / ".venv-ros" / "bin" / "python"
-MESSAGES = ROOT / "ros2"
 
 
-class RosSide:
-    """The process that runs `peer.py`; `side(name, *arguments)` calls a function of it."""
+class Peer:
+    """The process that runs `peer.py`; `peer(name, *arguments)` calls a function of it."""
 
     def __init__(self, endpoint: str, mode: str) -> None:
         assert PEERS.exists(), "`make test-ros` prepares .venv-ros"
         port = endpoint.rpartition(":")[2]
         self._process = subprocess.Popen(
-            [PEERS, ROOT / "tests" / "ros" / "peer.py", port, MESSAGES],
+            [PEERS, ROOT / "tests" / "ros" / "peer.py", port, ROOT / "ros2"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -42,29 +41,20 @@ class RosSide:
 
 @pytest.fixture(scope="module")
 def resources() -> Iterator[ExitStack]:
-    """What ends with the module."""
     with ExitStack() as stack:
         yield stack
 
 
 @pytest.fixture(scope="module")
-def ros_side(resources):
+def start_peer(resources):
     """Start a ROS side at an endpoint."""
-
-    def start(endpoint: str, mode: str = "peer") -> RosSide:
-        return resources.enter_context(closing(RosSide(endpoint, mode)))
-
-    return start
+    return lambda endpoint, mode="peer": resources.enter_context(closing(Peer(endpoint, mode)))
 
 
 @pytest.fixture(scope="module")
 def raw_node(resources):
     """Open a node by hand at an endpoint."""
-
-    def start(endpoint: str, mode: str = "client", **more: object) -> RawNode:
-        return resources.enter_context(closing(RawNode(endpoint, mode, **more)))
-
-    return start
+    return lambda endpoint, **more: resources.enter_context(closing(RawNode(endpoint, **more)))
 
 
 @pytest.fixture(scope="module")

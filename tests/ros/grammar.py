@@ -1,13 +1,14 @@
 """What rmw_zenoh reads: liveliness tokens, data keys, QoS and attachments.
 
 Written from ros2/rmw_zenoh: `liveliness_utils.cpp` (Entity::make, keyexpr_to_qos, TopicInfo) and
-`attachment_helpers.cpp`; names from ROS 2's design, "Topic and Service name mapping". It shares
-nothing with what it checks. Text outside the grammar raises ValueError.
+`attachment_helpers.cpp`; names from ROS 2's design. Text outside the grammar raises ValueError.
 """
 
 import re
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from mcap_ros2._dynamic import generate_dynamic
 
 NUMBER = "(?:0|[1-9][0-9]*)"
 BASE = "[A-Za-z_][A-Za-z0-9_]*"
@@ -35,6 +36,12 @@ class Data(NamedTuple):
     type: str
     """Such as geometry_msgs/msg/Twist."""
     hash: str
+
+    @property
+    def key(self) -> str:
+        """The key of samples or requests, as Zenoh has it."""
+        package, space, short = self.type.split("/")
+        return f"{self.domain}{self.name}/{package}::{space}::dds_::{short}_/{self.hash}"
 
 
 class Entity(NamedTuple):
@@ -87,3 +94,14 @@ def attachment(data: bytes) -> tuple[int, int, bytes]:
     if sequence < 0 or time_ns < 0 or length != 16 or len(data) < 33:
         raise ValueError(f"no attachment: {data.hex()}")
     return sequence, time_ns, data[17:33]
+
+
+def message(payload: bytes, kind: str, definition: str) -> Any:
+    """Read CDR as plain values, by mcap-ros2-support."""
+    return _plain(generate_dynamic(kind, definition)[kind](payload))
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "__slots__"):
+        return {name: _plain(getattr(value, name)) for name in value.__slots__}
+    return [_plain(item) for item in value] if isinstance(value, list | bytes) else value

@@ -20,90 +20,97 @@ GUARD_S = 20.0
 """Far beyond what anything takes to come."""
 
 
-class Heard(NamedTuple):
-    """A sample as it came."""
+class Received(NamedTuple):
+    """A sample or a reply as it came."""
 
     key: str
     payload: bytes
-    attachment: bytes | None
-    encoding: str
+    attachment: bytes
 
 
-def attachment(sequence: int = 1, time_ns: int | None = None, gid: bytes = GID) -> bytes:
+def received(sample: zenoh.Sample) -> Received:
+    attached = (sample.attachment or b"") and sample.attachment.to_bytes()
+    return Received(str(sample.key_expr), sample.payload.to_bytes(), attached)
+
+
+def attachment(sequence: int = 1) -> bytes:
     """What goes with a sample or a request."""
-    return struct.pack("<qqB", sequence, time.time_ns() if time_ns is None else time_ns, 16) + gid
-
-
-def config(endpoint: str, mode: str = "client", **more: object) -> zenoh.Config:
-    """Zenoh's configuration of a node, as rmw_zenoh's own has it where that matters."""
-    made = zenoh.Config()
-    settings = {
-        "mode": mode,
-        "connect/endpoints": [endpoint],
-        "listen/endpoints": ["tcp/127.0.0.1:0"] if mode == "peer" else [],
-        "scouting/multicast/enabled": False,
-        "timestamping/enabled": True,
-        **more,
-    }
-    for key, value in settings.items():
-        made.insert_json5(key, json.dumps(value))
-    return made
+    return struct.pack("<qqB", sequence, time.time_ns(), 16) + GID
 
 
 class RawNode:
-    """Keeps what it hears, in the order of arrival."""
+    """Keeps what it receives, in the order of arrival."""
 
-    def __init__(self, endpoint: str, mode: str = "client", **more: object) -> None:
-        self.session = zenoh.open(config(endpoint, mode, **more))
+    def __init__(self, endpoint: str, **more: object) -> None:
+        config = zenoh.Config()
+        settings = {
+            "mode": "client",
+            "connect/endpoints": [endpoint],
+            "scouting/multicast/enabled": False,
+            "timestamping/enabled": True,
+            **more,
+        }
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+        self.session = zenoh.open(config)
         self.changed = threading.Condition()
         self._sequence = 0
         self._kept: list[Any] = []
+        self.live: set[str] = set()
+        """The liveliness tokens of domain 0, as they come and go."""
+        self.session.liveliness().declare_subscriber("@ros2_lv/0/**", self._note, history=True)
+
+    def _note(self, token: zenoh.Sample) -> None:
+        with self.changed:
+            is_declared = token.kind == zenoh.SampleKind.PUT
+            (self.live.add if is_declared else self.live.discard)(str(token.key_expr))
+            self.changed.notify_all()
 
     def close(self) -> None:
         self.session.close()
 
-    def tokens(self, domain: int = 0) -> list[str]:
-        """All liveliness tokens of a domain."""
-        replies = self.session.liveliness().get(f"@ros2_lv/{domain}/**", timeout=GUARD_S)
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+    def entities(self, namespace: str, nodes: int = 1) -> list[grammar.Entity]:
+        """Return the graph of a namespace, once all of a number of nodes is there.
+
+        A node declares its health last.
+        """
+
+        def of_namespace() -> list[grammar.Entity]:
+            parsed = [grammar.token(token) for token in self.live if f"/%{namespace}" in token]
+            healths = [end for end in parsed if end.data and end.data.name == "/diagnostics"]
+            return parsed if len(healths) == nodes else []
+
+        return self.wait(of_namespace)
 
     def key_of(self, kind: str, name: str, type_name: str = "") -> str:
-        """Return the key of what a token declares: samples', or a service's requests'."""
-        (key,) = {
-            "/".join((parts[1], name[1:], *parts[10:12]))
-            for token in self.tokens()
-            if (data := grammar.token(token).data) is not None
-            and (parts := token.split("/"))[5] == kind
-            and data.name == name
-            and data.type.endswith(type_name)
-        }
-        return key
+        """Return the key of what a token declares, once it is declared."""
 
-    def hear(self, key: str, *, latched: bool = False) -> list[Heard]:
+        def keys() -> list[str]:
+            ends = [end for token in self.live if (end := grammar.token(token)).kind == kind]
+            found = [end.data for end in ends if end.data.name == name]
+            return [data.key for data in found if data.type.endswith(type_name)]
+
+        return self.wait(keys)[0]
+
+    def subscribe(self, key: str, *, latched: bool = False) -> list[Received]:
         """Subscribe, as rmw_zenoh does; return where the samples appear."""
-        heard: list[Heard] = []
+        samples: list[Received] = []
 
         def take(sample: zenoh.Sample) -> None:
-            attached = None if sample.attachment is None else sample.attachment.to_bytes()
-            one = Heard(
-                str(sample.key_expr), sample.payload.to_bytes(), attached, str(sample.encoding)
-            )
             with self.changed:
-                heard.append(one)
+                samples.append(received(sample))
                 self.changed.notify_all()
 
         if latched:
+            history = HistoryConfig(detect_late_publishers=True, max_samples=1)
+            recovery = RecoveryConfig(heartbeat=True)
             subscriber = declare_advanced_subscriber(
-                self.session,
-                key,
-                take,
-                history=HistoryConfig(detect_late_publishers=True, max_samples=1),
-                recovery=RecoveryConfig(heartbeat=True),
+                self.session, key, take, history=history, recovery=recovery
             )
             self._kept.append(subscriber)  # it ends with its last reference
         else:
             self.session.declare_subscriber(key, take)
-        return heard
+        return samples
 
     def wait(self, condition: Callable[[], Any]) -> Any:
         """Wait until a condition holds; return what it is."""
@@ -116,7 +123,7 @@ class RawNode:
         self._sequence += 1
         self.session.put(key, payload, **{"attachment": attachment(self._sequence), **more})
 
-    def call(self, key: str, payload: bytes, **more: Any) -> list[Heard]:
+    def call(self, key: str, payload: bytes, **more: Any) -> list[Received]:
         """Ask a service, as rmw_zenoh does; return all replies, of which none is an error."""
         self._sequence += 1
         replies = self.session.get(
@@ -126,16 +133,4 @@ class RawNode:
             consolidation=zenoh.ConsolidationMode.NONE,
             **{"attachment": attachment(self._sequence), "timeout": GUARD_S, **more},
         )
-        found = []
-        for reply in replies:
-            assert reply.ok is not None, reply.err.payload.to_string()
-            attached = reply.ok.attachment
-            found.append(
-                Heard(
-                    str(reply.ok.key_expr),
-                    reply.ok.payload.to_bytes(),
-                    None if attached is None else attached.to_bytes(),
-                    str(reply.ok.encoding),
-                )
-            )
-        return found
+        return [received(reply.ok) for reply in replies]

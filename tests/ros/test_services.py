@@ -1,52 +1,149 @@
-"""ROS services ask mecazen's own queries, and their responses say how it went."""
+"""The parameter services of a ROS node answer as those of rclcpp, for live parameters."""
 
 import pytest
+from harness import SCENARIOS
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.errors import RefusedError
-from mecazen_ros.interfaces import message
-from mecazen_ros.services import FAILED, OK, SERVICES, UNSUPPORTED
+from mecazen.errors import BusError, ConfigError
+from mecazen.loading import load_scenario
+from mecazen.parameters import described, parameters, settings_of
+from mecazen.runtime.live import LiveParameters
+from mecazen_ros import cdr
+from mecazen_ros.services import OF_NODE, NodeParameters
+from mecazen_ros.types import message
 
-SERVICE = {service.name: service for service in SERVICES}
-STATE = message("SimulationState")
-
-
-def request(service, *fields):
-    return service.interface.request(*fields)
-
-
-def test_a_trigger_says_whether_it_was_done():
-    reset = SERVICE["sim/reset"]
-    response = reset.interface.response
-    assert reset.ask(None) == (keys.SIM_RESET, m.ResetRequest())
-    assert reset.respond(OK, "", m.SimState(tick=7)) == response(True, "tick 7")
-    assert reset.respond(OK, "", m.String("4 wheels turn")) == response(True, "4 wheels turn")
-    assert reset.respond(FAILED, "busy") == response(False, "busy")
+Value = message("rcl_interfaces/msg/ParameterValue")
+Parameter = message("rcl_interfaces/msg/Parameter")
+SERVICE = {service.name: service for service in OF_NODE}
+BOOL, INTEGER, DOUBLE, STRING, STRINGS = 1, 2, 3, 4, 9
+"""Values of rcl_interfaces/msg/ParameterType."""
 
 
-def test_the_standard_services_ask_mecazens_own():
-    step = SERVICE["step_simulation"]
-    assert step.ask(request(step, 5)) == (keys.SIM_STEP, m.StepRequest(5))
-    assert step.respond(OK, "", m.SimState()).result.result == OK
-    assert step.respond(FAILED, "not paused").result == message("Result")(FAILED, "not paused")
-    set_state = SERVICE["set_simulation_state"]
-    for state, call in ((1, keys.SIM_RESUME), (2, keys.SIM_PAUSE)):
-        assert set_state.ask(request(set_state, STATE(state)))[0] is call
-    get_state = SERVICE["get_simulation_state"]
-    told = [get_state.respond(OK, "", m.SimState(paused=p)).state.state for p in (False, True)]
-    assert told == [1, 2]
-    assert get_state.respond(UNSUPPORTED, "no").result.result == UNSUPPORTED
+class Simulation:
+    """The parameters of a scenario, and those of one of its nodes."""
+
+    def __init__(self, scenario="back", node="follower", robot=""):
+        self.live = LiveParameters(load_scenario(SCENARIOS / f"{scenario}.toml"), lambda *_: None)
+        self.node = NodeParameters(node, robot, self.ask)
+
+    def ask(self, call, request):
+        if call is keys.GET_PARAMETERS:
+            live = parameters(self.live.requested).items()
+            return m.ParameterDescriptors(tuple(described(*parameter) for parameter in live))
+        try:
+            self.live.set(settings_of(request))
+        except ConfigError as error:
+            raise BusError(f"{call.key}: {error}") from None
+        return m.Parameters()
+
+    def values(self, *names):
+        return called(self.node, "get_parameters", names).values
+
+    def set(self, name="set_parameters", **values):
+        """Return the reasons of refusals."""
+        response = called(self.node, name, tuple(Parameter(*item) for item in values.items()))
+        results = response.results if name == "set_parameters" else [response.result]
+        return [result.reason for result in results if not result.successful]
+
+
+def called(node, name, *fields):
+    """Return a service's response after both messages have been in CDR."""
+    service = SERVICE[name]
+    request = cdr.decode(cdr.encode(service.request(*fields)), service.request)
+    response = service.response(**service.ask(node, request))
+    return cdr.decode(cdr.encode(response), service.response)
+
+
+def double(value):
+    return Value(DOUBLE, double_value=value)
 
 
 @pytest.mark.parametrize(
-    ("name", "asked"),
+    ("prefixes", "depth", "included", "excluded"),
     [
-        ("step_simulation", 0),
-        ("step_simulation", 10**9 + 1),
-        ("reset_simulation", 1),
-        ("set_simulation_state", STATE(0)),
+        ((), 0, {"use_sim_time", "standoff_m", "control.max_speed_m_s"}, set()),
+        ((), 1, {"use_sim_time", "standoff_m"}, {"control.max_speed_m_s"}),
+        (("control", "view"), 1, {"view", "control.max_speed_m_s"}, {"standoff_m"}),
+        (("cont", "control.max_speed_m_s.x"), 0, set(), {"standoff_m", "control.max_speed_m_s"}),
     ],
 )
-def test_what_the_simulation_cant_do_is_refused(name, asked):
-    with pytest.raises(RefusedError):
-        SERVICE[name].ask(request(SERVICE[name], asked))
+def test_names_are_listed_below_prefixes_to_a_depth(prefixes, depth, included, excluded):
+    names = {*called(Simulation().node, "list_parameters", prefixes, depth).result.names}
+    assert included <= names
+    assert not excluded & names
+
+
+def test_values_and_descriptors_have_the_types_of_ros():
+    node = Simulation().node
+    names = "use_sim_time", "standoff_m", "bearing_deg", "view", "unknown"
+    types = [BOOL, DOUBLE, 0, STRING, 0]
+    assert [*called(node, "get_parameter_types", names).types] == types
+    time, standoff, bearing, *_ = called(node, "describe_parameters", names).descriptors
+    assert (time.read_only, standoff.read_only, standoff.description) == (True, False, "in m")
+    assert (standoff.floating_point_range[0].to_value, bearing.type) == (100.0, DOUBLE)
+    assert standoff.additional_constraints == "a number > 0 and <= 100"
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "number", "value"),
+    [
+        ("2", "float", DOUBLE, 2.0),
+        ("2", "string", INTEGER, 2),  # Literal[1, 2]
+        (f"{2**63}", "integer", STRING, f"{2**63}"),
+        ("[]", "list", STRINGS, ()),
+        ("[1, 2.5]", "list", STRING, "[1, 2.5]"),
+        ("{a = 1}", "string", STRING, "{a = 1}"),
+    ],
+)
+def test_values_of_other_types_are_text(text, kind, number, value):
+    answer = m.ParameterDescriptor("mine.n", text, kind, range=(1.0, 5.0))
+    node = NodeParameters("mine", "", lambda *_: m.ParameterDescriptors((answer,)))
+    (result,) = called(node, "get_parameters", ("n",)).values
+    assert (result.type, getattr(result, Value.__struct_fields__[number])) == (number, value)
+    (descriptor,) = called(node, "describe_parameters", ("n",)).descriptors
+    whole = () if kind == "float" else (message("rcl_interfaces/msg/IntegerRange")(1, 5),)
+    assert descriptor.integer_range == whole
+
+
+def test_each_parameter_is_set_by_itself():
+    simulation = Simulation()
+    assert (
+        simulation.set(
+            standoff_m=Value(
+                INTEGER, integer_value=2
+            ),  # as `ros2 param set … standoff_m 2` sends it
+            view=Value(STRING, string_value="up"),
+            standof_m=double(1.0),
+            use_sim_time=Value(BOOL),
+            bearing_deg=Value(10),
+            heading_deg=Value(5, byte_array_value=b"1"),
+            bogus=double(float("nan")),
+        )[1:4]
+        == [
+            "standof_m: no such parameter; did you mean standoff_m?",
+            "use_sim_time is read-only: all nodes follow simulated time",
+            "bearing_deg: there is no type 10",
+        ]
+    )
+    assert simulation.values("standoff_m") == (double(2.0),)
+
+
+def test_parameters_are_set_atomically_or_not_at_all():
+    simulation, atomically = Simulation(), "set_parameters_atomically"
+    both = {"bearing_deg": double(1.0), "heading_deg": double(2.0)}
+    assert len(simulation.set(**both)) == 2
+    assert not simulation.set(atomically, **both)
+    assert simulation.set(atomically, standoff_m=double(2.0), view=Value(STRING))
+    assert simulation.values("standoff_m", "bearing_deg")[1] == double(1.0)
+    assert not simulation.set(atomically, bearing_deg=Value(), heading_deg=Value())
+    assert simulation.values("bearing_deg") == (Value(),)
+
+
+def test_a_node_of_one_of_several_robots_sets_its_own():
+    scenario = load_scenario(SCENARIOS / "convoy.toml")
+    first, second, *_ = scenario.names
+    simulation = Simulation("convoy", robot=second)
+    assert not simulation.set(standoff_m=double(2.5))
+    live = parameters(simulation.live.requested)
+    assert live[f"robots.{second}.follower.standoff_m"].value == 2.5
+    assert live[f"robots.{first}.follower.standoff_m"].value != 2.5

@@ -1,115 +1,148 @@
-"""How topics look in ROS."""
+"""How topics look in ROS, against values that are known by hand."""
 
 import math
+import struct
+from xml.etree import ElementTree as ET
 
+import pytest
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.graph import TABLE
+from mecazen_ros import protocol
 from mecazen_ros.cdr import decode, encode
-from mecazen_ros.interfaces import message
-from mecazen_ros.topics import Namespace, name_of, publications, rep_117, subscriptions
+from mecazen_ros.topics import fixed_frames, full_name, portable_urdf, publications, subscriptions
 
-ODOMETRY = m.Odometry(m.Header(m.Time(3), "odom"), "base_link")
+POSE = m.PoseWithCovariance(m.Pose(m.Point(1.0, 2.0)))
+ODOMETRY = m.Odometry(m.Header(m.Time(3), "odom"), "base_link", POSE)
+URDF = """<robot name="r">
+  <link name="base_link"/>
+  <link name="wheel">
+    <visual>
+      <origin xyz="0 0 1" rpy="1.5707963267948966 0 0"/>
+      <geometry><mesh filename="m.stl"/></geometry>
+      <material name="black"/>
+    </visual>
+    <visual><geometry><mesh filename="package://other/m.stl"/></geometry></visual>
+  </link>
+  <link name="camera"/>
+  <joint name="turning" type="continuous"><parent link="base_link"/><child link="wheel"/></joint>
+  <joint name="fixed" type="fixed">
+    <parent link="base_link"/><child link="camera"/>
+    <origin xyz="0.1 0 0.2" rpy="-1.5707963267948966 0 -1.5707963267948966"/>
+  </joint>
+</robot>"""
 
 
-def seen(topic, namespace="", urdf=""):
-    where = Namespace(namespace, urdf)
-    return {where.whole(one.name): one for one in publications(topic, topic.key, where)}
+def shown(topic, message, namespace="", **more):
+    """Return what ROS sees of a message, by topic."""
+    found = publications(topic, topic.key, namespace, **more)
+    return {full_name(entry.name, namespace): entry.convert(message) for entry in found}
 
 
-def test_odometry_is_a_topic_and_a_frame_as_well():
-    found = seen(keys.ODOM)
-    assert set(found) == {"odom", "tf"}
-    (frame,) = found["tf"].convert(ODOMETRY).transforms
-    assert (frame.header.frame_id, frame.child_frame_id) == ("odom", "base_link")
-    assert frame.header.stamp == m.Time(3)
+def test_odometry_is_a_topic_and_a_frame_in_the_robots_namespace():
+    for namespace, prefix in (("", ""), ("robot1", "robot1/")):
+        messages = shown(keys.ODOM, ODOMETRY, namespace)
+        assert set(messages) == {f"{prefix}odom", "tf"}
+        (frame,) = messages["tf"].transforms
+        assert frame.header.stamp == m.Time(3)
+        for message in (frame, messages[f"{prefix}odom"]):
+            names = message.header.frame_id, message.child_frame_id
+            assert names == (f"{prefix}odom", f"{prefix}base_link")
+    assert set(shown(keys.ODOM, ODOMETRY, odom_tf=False)) == {"odom"}
 
 
-def test_what_is_exact_has_a_small_variance_and_what_is_not_keeps_its_own():
+def test_exact_and_unmeasured_values_are_marked():
     covariance = tuple(0.5 if index == 7 else 0.0 for index in range(36))
-    given = m.Odometry(pose=m.PoseWithCovariance(covariance=covariance))
-    shown = seen(keys.GROUND_TRUTH)["ground_truth/odom"].convert(given).pose.covariance
-    assert shown[:8] == (1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5)
+    truth = m.Odometry(pose=m.PoseWithCovariance(covariance=covariance))
+    message = shown(keys.GROUND_TRUTH, truth)["ground_truth/odom"]
+    assert message.pose.covariance[:8] == (1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5)
+    battery = shown(keys.BATTERY_STATE, m.BatteryState(voltage=12.5))["battery_state"]
+    assert (battery.voltage, math.isnan(battery.current)) == (12.5, True)
 
 
-def test_a_battery_has_nan_for_what_is_not_measured():
-    shown = seen(keys.BATTERY_STATE)["battery_state"].convert(m.BatteryState(voltage=12.5))
-    assert (shown.voltage, shown.power_supply_status) == (12.5, 0)
-    assert math.isnan(shown.current)
-    assert math.isnan(shown.percentage)
-
-
-def test_of_several_robots_each_has_its_names_and_frames_in_one_tree():
-    found = seen(keys.ODOM, "robot1")
-    assert set(found) == {"robot1/odom", "tf"}
-    (frame,) = found["tf"].convert(ODOMETRY).transforms
-    assert (frame.header.frame_id, frame.child_frame_id) == ("robot1/odom", "robot1/base_link")
-    shown = found["robot1/odom"].convert(ODOMETRY)
-    assert (shown.header.frame_id, shown.child_frame_id) == ("robot1/odom", "robot1/base_link")
-
-
-def test_frames_within_a_message_have_the_prefix_and_the_world_has_none():
+def test_nested_frames_have_the_prefix_and_the_world_has_none():
     truth = m.Odometry(m.Header(frame_id="world"), "base_link")
     state = m.FollowerState(header=m.Header(frame_id="odom"), estimate=(truth, ODOMETRY))
-    shown = seen(keys.FOLLOWER_STATE, "r")["r/follower/state"].convert(state)
-    assert shown.header.frame_id == "r/odom"
-    assert [one.header.frame_id for one in shown.estimate] == ["world", "r/odom"]
-    assert [one.child_frame_id for one in shown.estimate] == ["r/base_link", "r/base_link"]
+    message = shown(keys.FOLLOWER_STATE, state, "r")["r/follower/state"]
+    assert message.header.frame_id == "r/odom"
+    assert [part.header.frame_id for part in message.estimate] == ["world", "r/odom"]
+    assert [part.child_frame_id for part in message.estimate] == ["r/base_link", "r/base_link"]
 
 
 def test_the_person_is_a_frame_once_seen():
-    show = seen(keys.FOLLOWER_STATE)["tf"].convert
-    assert show(m.FollowerState()) is None
-    pose = m.PoseWithCovariance(m.Pose(m.Point(1.0, 2.0)))
-    state = m.FollowerState(m.Header(frame_id="odom"), estimate=(m.Odometry(pose=pose),))
-    (frame,) = show(state).transforms
+    assert shown(keys.FOLLOWER_STATE, m.FollowerState())["tf"] is None
+    state = m.FollowerState(m.Header(frame_id="odom"), estimate=(ODOMETRY,))
+    (frame,) = shown(keys.FOLLOWER_STATE, state)["tf"].transforms
     assert (frame.header.frame_id, frame.child_frame_id) == ("odom", "person")
     assert frame.transform.translation == m.Vector3(1.0, 2.0, 0.0)
 
 
-def test_a_scan_has_rep_117s_infinity_and_nan():
-    scan = m.LaserScan(range_min=0.1, range_max=12.0, ranges=(0.0, 0.05, 0.5, 12.0, 13.0))
-    nothing, *others = rep_117(scan).ranges
-    assert math.isnan(nothing)
-    assert others == [-math.inf, 0.5, 12.0, math.inf]
-
-
 def test_health_and_time_are_in_no_namespace():
-    health = keys.diagnostics("physics")
-    found = seen(health, "robot1")
-    assert set(found) == {"diagnostics"}
     array = m.DiagnosticArray(status=(m.DiagnosticStatus(name="physics"),))
-    assert found["diagnostics"].convert(array).status[0].name == "robot1/physics"
-    assert set(seen(keys.CLOCK, "robot1")) == {"clock"}
+    messages = shown(keys.diagnostics("physics"), array, "robot1")
+    assert messages["diagnostics"].status[0].name == "robot1/physics"
+    assert set(shown(keys.CLOCK, m.Clock(), "robot1")) == {"clock"}
 
 
-def test_only_open_topics_are_taken_from_ros_and_a_twist_with_or_without_a_stamp():
-    taken = {topic.key: [e.kind for e in subscriptions(topic, topic.key)] for topic in keys.TOPICS}
-    twists = [m.Twist, message("TwistStamped")]
-    assert {key: kinds for key, kinds in taken.items() if kinds} == {
-        "cmd_vel": twists,
-        "emergency_stop": [m.Empty],
-        "target/cmd_vel": twists,
-    }
-    stamped = subscriptions(keys.CMD_VEL, "cmd_vel")[1]
-    assert stamped.convert(message("TwistStamped")(twist=m.Twist(m.Vector3(1.0)))).linear.x == 1.0
+def test_only_open_topics_and_missing_sensors_are_received_from_ros():
+    twists = ["geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"]
+    opened = {"cmd_vel": twists, "emergency_stop": ["std_msgs/msg/Empty"], "target/cmd_vel": twists}
+    sensors = {"scan", "skeleton/observation", "target/observation"}
+    for has_source in (True, False):
+        received = {
+            topic.key: [entry.kind.ROS_TYPE for entry in entries]
+            for topic in keys.TOPICS
+            if (entries := subscriptions(topic, topic.key, has_source=has_source))
+        }
+        assert received.keys() == opened.keys() | (set() if has_source else sensors)
+        assert opened.items() <= received.items()
 
 
-def test_the_topics_of_a_real_robots_sensors_are_taken_where_no_node_gives_them():
-    taken = {t.key for t in keys.TOPICS if subscriptions(t, t.key, is_given=False)}
-    opened = {t.key for t in keys.TOPICS if t.open}
-    assert taken - opened == {"scan", "skeleton/observation", "target/observation"}
-
-
-def test_a_scan_from_ros_has_no_infinity_and_no_nan():
+def test_a_scan_follows_rep_117_in_both_directions():
+    scan = m.LaserScan(range_min=0.1, range_max=12.0, ranges=(0.0, 0.05, 0.5, 12.0, 13.0))
+    unknown, *ranges = shown(keys.SCAN, scan)["scan"].ranges
+    assert math.isnan(unknown)
+    assert ranges == [-math.inf, 0.5, 12.0, math.inf]
     ranges = (math.nan, math.inf, -math.inf, 0.0625, 0.5, 12.0, 40.0)
-    sent = encode(m.LaserScan(range_min=0.125, range_max=12.0, ranges=ranges))
-    seen = decode(sent, m.LaserScan)
-    assert seen.ranges == (0.0, 13.0, 0.0625, 0.0625, 0.5, 12.0, 40.0)
+    payload = encode(m.LaserScan(range_min=0.125, range_max=12.0, ranges=ranges))
+    assert decode(payload, m.LaserScan).ranges == (0.0, 13.0, 0.0625, 0.0625, 0.5, 12.0, 40.0)
 
 
-def test_what_a_node_gives_never_comes_back_through_ros():
-    given = {name_of(row, t) for row in TABLE.values() for t in row.outputs}
-    taken = {entry.name for topic in keys.TOPICS for entry in subscriptions(topic, topic.key)}
-    assert not given & taken
-    assert "follower/cmd_vel" in given
+def test_fixed_links_are_frames_and_meshes_cylinders():
+    (frame,) = fixed_frames(URDF, "r/").transforms
+    assert (frame.header.frame_id, frame.child_frame_id) == ("r/base_link", "r/camera")
+    # an optical frame: the quaternion that REP-103's users write by hand
+    q = frame.transform.rotation
+    assert (q.x, q.y, q.z, q.w) == pytest.approx((-0.5, 0.5, -0.5, 0.5))
+    assert frame.transform.translation == m.Vector3(0.1, 0.0, 0.2)
+    # facets at the lower end, in the middle, and from there to the upper end
+    end, middle, other = (0.0, 0.3, -0.5), (0.4, 0.0, 0.0), (0.0, -0.2, 0.5)
+    facets = (end, end, end), (middle, middle, middle), (middle, other, middle)
+    stl = b"".join(struct.pack("<12fH", 0, 0, 0, *a, *b, *c, 0) for a, b, c in facets)
+    robot = ET.fromstring(portable_urdf(URDF, {"m.stl": bytes(84) + stl}))  # noqa: S314
+    assert [mesh.get("filename") for mesh in robot.iter("mesh")] == ["package://other/m.stl"]
+    _, *parts = robot.findall("link/visual")
+    cylinders = [part.find("geometry/cylinder") for part in parts]
+    radii = [float(cylinder.get("radius")) for cylinder in cylinders]
+    assert radii == pytest.approx([0.3, 0.0, 0.4, 0.4, 0.4], abs=1e-6)
+    assert {cylinder.get("length") for cylinder in cylinders} == {"0.2"}
+    # z of the mesh is -y of the link by the quarter turn about x
+    center = [float(value) for value in parts[0].find("origin").get("xyz").split()]
+    assert center == pytest.approx([0.0, 0.4, 1.0])
+    assert parts[0].find("material").get("name") == "black"
+
+
+def test_rules_of_access_name_keys_in_ros():
+    twist, stamped = (f"cmd_vel/geometry_msgs::msg::dds_::Twist{end}_/*" for end in ("", "Stamped"))
+    assert protocol.received_keys(keys.CMD_VEL) == [f"**/{twist}", f"**/{stamped}"]
+    assert protocol.received_keys(keys.CMD_VEL, "two", "lab")[0] == f"*/lab/two/{twist}"
+    assert protocol.received_keys(keys.CMD_VEL, "two", "")[0] == f"*/two/{twist}"
+    odom, tf = protocol.published_keys(TABLE["odometry"], keys.ODOM)
+    assert odom == "**/odom/nav_msgs::msg::dds_::Odometry_/*"
+    assert tf == "**/tf/tf2_msgs::msg::dds_::TFMessage_/*"
+    step = "**/step_simulation/simulation_interfaces::srv::dds_::StepSimulation_/*"
+    assert protocol.service_keys([keys.SIM_STEP]) == [step]
+    assert protocol.latched_keys(keys.SIM_STATE) == []
+    assert len(protocol.latched_keys(keys.ROBOT_DESCRIPTION)) == 2
+    assert protocol.tokens() == "@ros2_lv/**"
+    assert protocol.tokens("physics") == f"@ros2_lv/{'*/' * 7}physics/**"

@@ -45,7 +45,7 @@ def test_a_reference_has_the_line(page, line):
     assert f"\n{line}" in FILES[ROOT / "docs" / f"{page}.md"]
 
 
-PACKAGE = ROOT / "ros2" / "mecazen_msgs"
+PACKAGE = ROOT / "ros2" / "mecazen_msgs" / "msg"
 
 
 def test_the_package_for_ros_has_no_other_files():

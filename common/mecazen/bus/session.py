@@ -17,7 +17,6 @@ from typing import Any, Literal
 
 import zenoh
 
-from mecazen.bridges import bridge_of
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Topic
@@ -189,10 +188,13 @@ def _filters(
 def _expressions(
     config: BusConfig, topic: Topic[Any], robot: str = "", namespace: str | None = None
 ) -> list[str]:
-    """Return key expressions for a topic's samples, including samples that a bridge receives."""
-    bridge = bridge_of(config)
-    taken = () if bridge is None else bridge.taken(topic, robot, namespace)
-    return [f"**/{join_key(topic.key, robot)}", *taken]
+    """Return key expressions for a topic's samples, including those that are received from ROS."""
+    expressions = [f"**/{join_key(topic.key, robot)}"]
+    if config.ros2:
+        from mecazen_ros import protocol  # noqa: PLC0415  # an optional package
+
+        expressions += protocol.received_keys(topic, robot, namespace)
+    return expressions
 
 
 def _certificates(folder: Path, name: str) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from typing import Any, NoReturn
 
 import zenoh
 
-from mecazen.bridges import is_bridged
 from mecazen.bus.base import (
     Bus,
     Handler,
@@ -195,7 +194,7 @@ class ZenohBus(Bus):
     ) -> None:
         """Deliver every sample of a key expression as key, payload, encoding and attachment.
 
-        Samples on keys of a bridge are left out, since they repeat other samples. Samples are
+        Samples on keys of ROS are left out, since they repeat other samples. Samples are
         refused if more than `backlog_bytes` would wait.
         """
         refuse = partial(self._refusals.add, key)
@@ -206,7 +205,7 @@ class ZenohBus(Bus):
 
         def receive(sample: zenoh.Sample) -> None:
             name = str(sample.key_expr)
-            if is_bridged(name):
+            if "::" in name:  # a type of ROS
                 return
             if envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
                 refuse(TOO_LONG)

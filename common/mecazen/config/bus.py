@@ -47,6 +47,9 @@ class BusConfig(Section):
     """Domain of ROS 2, as the variable ROS_DOMAIN_ID sets it."""
     ros_connect: tuple[str, ...] | None = None
     """Endpoints of `rmw_zenohd`, if it runs beside mecazen's router; left out: `connect`."""
+    ros_odom_tf: bool = True
+    """Whether ROS sees the odometry on `/tf` as well; false if a filter such as robot_localization
+    publishes that transform."""
     ros_distro: Literal["humble", "jazzy"] = "jazzy"
     """jazzy: Jazzy and all later distributions. humble: Humble, which has no hashes of types and
     receives from no other distribution."""

@@ -39,8 +39,6 @@ class Message(msgspec.Struct, frozen=True):
     """Base of all messages."""
 
     ROS_TYPE: ClassVar[str]
-    ROS_CONSTANTS: ClassVar[tuple[str, ...]] = ()
-    """Lines of ROS's definition: named constants for the values of a field."""
 
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -299,15 +297,6 @@ class Imu(Message):
     linear_acceleration_covariance: Matrix3 = (0.0,) * 9
 
 
-_POWER_SUPPLY = {
-    "STATUS": "UNKNOWN CHARGING DISCHARGING NOT_CHARGING FULL",
-    "HEALTH": "UNKNOWN GOOD OVERHEAT DEAD OVERVOLTAGE UNSPEC_FAILURE COLD WATCHDOG_TIMER_EXPIRE "
-    "SAFETY_TIMER_EXPIRE",
-    "TECHNOLOGY": "UNKNOWN NIMH LION LIPO LIFE NICD LIMN TERNARY VRLA",
-}
-"""Names of the values of three fields of a battery, from 0."""
-
-
 class BatteryState(Message):
     """Voltage [V], current [A] (negative: discharging), charge [A·h] and health of a battery.
 
@@ -315,11 +304,6 @@ class BatteryState(Message):
     """
 
     ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/BatteryState"
-    ROS_CONSTANTS: ClassVar[tuple[str, ...]] = tuple(
-        f"uint8 POWER_SUPPLY_{field}_{name}={value}"
-        for field, names in _POWER_SUPPLY.items()
-        for value, name in enumerate(names.split())
-    )
     header: Header = Header()
     voltage: Float32 = 0.0
     temperature: Float32 = 0.0
@@ -350,13 +334,7 @@ class DiagnosticStatus(Message):
     """The health of one thing: level 0 ok, 1 warning, 2 error, 3 stale."""
 
     ROS_TYPE: ClassVar[str] = "diagnostic_msgs/msg/DiagnosticStatus"
-    ROS_CONSTANTS: ClassVar[tuple[str, ...]] = (
-        "byte OK=0",
-        "byte WARN=1",
-        "byte ERROR=2",
-        "byte STALE=3",
-    )
-    level: Annotated[int, msgspec.Meta(ge=0, le=3, extra={"ros": "byte"})] = 0
+    level: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
     name: str = ""
     message: str = ""
     hardware_id: str = ""

@@ -15,13 +15,13 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from mecazen import log
-from mecazen.bridges import Put, bridge_of
 from mecazen.bus import Bus, StoppedError
 from mecazen.bus.inbox import next_of
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario
 from mecazen.errors import BusError, ConfigError
+from mecazen.extras import is_installed
 from mecazen.graph import OBSERVERS, SHARED
 from mecazen.programs import classes, graph_of
 from mecazen.robots import join_key
@@ -46,6 +46,7 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
         ConfigError: A service is named twice.
         MecazenError: A name is taken, the bus can't be opened, or a service failed.
     """
+    refuse_missing_ros(scenario.bus)
     if len(set(process.services)) < len(process.services):
         raise ConfigError(f"{process.name}: each service at most once")
     named = (process.robot,)  # `part_of` refuses a robot's name for a shared service
@@ -66,22 +67,22 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     _refuse_taken_names(parts, scenario.bus)
     bus = ZenohBus(scenario.bus, name=process.services[0], renamed=scenario.renamed)
     stop_on_signals(bus.stop)
-    side = None
+    ros = None
     try:
         driver = drive(parts, bus, scenario)
-        put: Put = lambda *_: None  # noqa: E731  # an observer receives no commands
+        put: Callable[..., None] = lambda *_: None  # noqa: E731  # an observer gets no commands
         if isinstance(driver, Observer):
             driver.announce = lambda url: reporter.tell(Report("serving", url))
             members.append(driver)
         else:
             members.append(driver.host)
             put = driver.host.put
-        bridge = bridge_of(scenario.bus)
-        if bridge is not None:
-            side = bridge.open_side(scenario.bus, process.services[0])
+        if scenario.bus.ros2:
+            from mecazen_ros.node import RosNode, RosSession  # noqa: PLC0415  # optional
+
+            ros = RosSession(scenario.bus, process.services[0], bus, put)
             for service, robot in parts:
-                seen = part_of(service, scenario, robot)
-                side.show(service, robot, bus, put, seen, graph_of(seen))
+                RosNode(ros, service, robot, part_of(service, scenario, robot))
         for service, robot in parts:
             bus.declare_alive(service, robot)
         for service, robot in parts:
@@ -95,9 +96,19 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
     finally:
         for member in members:
             member.close()
-        if side is not None:
-            side.close()
+        if ros is not None:
+            ros.close()
         bus.close()
+
+
+def refuse_missing_ros(config: BusConfig) -> None:
+    """Check that the extra for ROS 2 is installed, if the settings ask for it.
+
+    Raises:
+        BusError: It is not.
+    """
+    if config.ros2 and not is_installed("ros2"):
+        raise BusError("bus.ros2 needs pip install 'mecazen[ros2]'")
 
 
 def drive(parts: Sequence[Part], bus: Bus, scenario: Scenario) -> Clock | Worker | Observer:
@@ -127,6 +138,7 @@ def run_router(scenario: Scenario, reporter: Reporter) -> None:
     Raises:
         BusError: The port is taken, or an endpoint is insecure.
     """
+    refuse_missing_ros(scenario.bus)
     log.set_up("router", lambda: 0.0, reporter.log_level)
     stopped: SimpleQueue[None] = SimpleQueue()
     stop_on_signals(partial(stopped.put, None))

@@ -16,7 +16,6 @@ from typing import Annotated, Literal
 
 import typer
 from mecazen import keys
-from mecazen.bridges import bridge_of
 from mecazen.bus.ports import free_port, is_free
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario
@@ -31,6 +30,7 @@ from mecazen.loading import load_scenario, scenario_path
 from mecazen.programs import graph_of, refuse_missing
 from mecazen.robots import join_key
 from mecazen.row import Row
+from mecazen.runtime.process import refuse_missing_ros
 from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
@@ -100,7 +100,7 @@ def up(
     loaded = load_scenario(path, overrides)
     for part in loaded.services:
         refuse_missing(part, loaded)
-    bridge_of(loaded.bus)  # raises if the bridge is not installed
+    refuse_missing_ros(loaded.bus)
     console = Console()
     supervisor = Supervisor(path, overrides, loaded, restart=restart)
     interrupts = Interrupts()
