@@ -18,7 +18,7 @@ MISTAKES = {
     "nothing answers": ("echo", "odom", "--count", "1", *NOBODY),
     "did you mean odom": ("echo", "odmo", "--count", "1", *NOBODY),
     "not a geometry_msgs": ("pub", "cmd_vel", '{"linear":{"x":"a"}}', *NOBODY),
-    "linear.q is ignored": ("pub", "cmd_vel", '{"linear":{"q":1}}', *NOBODY),
+    "linear.q is ignored": ("pub", "cmd_vel", '{"linear":{"x":0.1,"q":1}}', *NOBODY),
     "picture's name": ("simulate", "back", "--plot", "x.gif"),
     "can't be read": ("info", "none.mcap"),
 }

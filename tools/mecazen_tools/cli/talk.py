@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Annotated, Any
 
 import msgspec
 import typer
 from mecazen.bus.session import includes
-from mecazen.errors import ConfigError
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import TOPICS, resolve, topic_of
 from mecazen.limits import refuse_implausible
@@ -161,9 +164,7 @@ def echo(
             typer.echo(printable(problem), err=True)
         shown += 1
 
-    told = mistake(key)
-    with tool_bus(connect, namespace, tls) as bus:
-        _warn(unknown_to(bus, key, told))
+    with _bus_for(key, connect, namespace, tls) as bus:
         bus.subscribe_bytes(key, show)
         if not bus.spin_once(SILENCE_S):
             _warn(f"{key}: no sample for {SILENCE_S:g} s: {absent(bus, key)}")
@@ -207,9 +208,7 @@ def pub(
             _warn(f"{key}: {problem}")
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
-    told = mistake(key)
-    with tool_bus(connect, namespace, tls) as bus:
-        _warn(unknown_to(bus, key, told))
+    with _bus_for(key, connect, namespace, tls) as bus:
         _warn(ignored(bus, key))
         begin, sent = time.monotonic(), 0
         while True:
@@ -219,6 +218,20 @@ def pub(
                 break
             while (left := begin + sent / rate - time.monotonic()) > 0:
                 bus.spin_once(left)
+
+
+@contextmanager
+def _bus_for(key: str, connect: Connect, namespace: Namespace, tls: Tls) -> Iterator[ZenohBus]:
+    """Open the bus; warn of a key that neither mecazen nor the running scenario names."""
+    warning = mistake(key)
+    with ExitStack() as stack:
+        try:
+            bus = stack.enter_context(tool_bus(connect, namespace, tls))
+        except MecazenError:
+            _warn(warning)
+            raise
+        _warn(unknown_to(bus, key, warning))
+        yield bus
 
 
 def _read(key: str, payload: bytes, encoding: str) -> Any:
