@@ -280,9 +280,7 @@ def _report(result: Result, run: Trajectory, file: Path | None, *, as_json: bool
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(result)).decode())
     else:
-        table = Table(
-            "simulated", "real-time factor", "distance error", "heading error", "contacts"
-        )
+        table = Table("simulated", "real-time factor", "distance error", "heading error")
         table.add_row(f"{result.duration_s:g} s", f"{result.rtf:.1f}", *_measures(result))
         for name, scores in result.robots.items():
             table.add_row(name, "", *_measures(scores))
