@@ -80,7 +80,8 @@ def share_interval(successes: Sequence[bool], confidence: float = 0.95) -> Inter
     """Return the share of successes [%] with its exact interval (Clopper and Pearson 1934)."""
     test = binomtest(sum(map(bool, successes)), len(successes))
     limits = test.proportion_ci(confidence, method="exact")
-    return Interval(100.0 * test.statistic, 100.0 * limits.low, 100.0 * limits.high, test.n)
+    mean, low, high = (100.0 * float(share) for share in (test.statistic, *limits))
+    return Interval(mean, low, high, test.n)
 
 
 def most_per_hour(events: float, hours: float) -> float:

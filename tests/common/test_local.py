@@ -25,7 +25,7 @@ def test_bytes_on_a_key_without_subscribers_are_lost(bus):
     assert not bus.refused
 
 
-@pytest.mark.parametrize("payload", [b"", b" \n", b"{}", b"\x80"])
+@pytest.mark.parametrize("payload", [b"", b" \n", b"{}"])
 def test_an_empty_request_means_the_defaults(bus, payload):
     bus.serve(keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks)))
     assert ask_bytes(bus, keys.SIM_STEP, payload).tick == 1
