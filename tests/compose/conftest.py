@@ -83,7 +83,7 @@ class Stack(Compose):
         return docker("exec", self.containers()[service]["Id"], *command)
 
     def kill(self, service: str) -> None:
-        """Kill a service as a crash does, and wait until its container runs anew."""
+        """Kill a service as a crash does, and wait until its container runs again."""
         number = self.containers()[service]["Id"]
         # all that its user may signal in the container, but the first process and this one
         crash = ["docker", "exec", number, "sh", "-c", "kill -9 -1"]

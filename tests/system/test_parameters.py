@@ -1,4 +1,4 @@
-"""Parameters that change while it runs: the same bits however they are changed, and anew."""
+"""Parameters that change while a run goes on give the same bits, however they are changed."""
 
 import json
 import threading
