@@ -9,7 +9,7 @@ from typing import Any
 from mecazen import keys
 from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
-from mecazen.graph import GRAPH, services
+from mecazen.graph import GRAPH, rows, services
 from mecazen.row import Row
 from mecazen.runtime.pace import EVERY, RECORD, receipts
 from mecazen.runtime.readiness import READY
@@ -111,8 +111,9 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     yield ANYONE, _rule("anyone asks what changes nothing", ["query"], asked)
     relays = ["put", "query", "reply", "declare_queryable", "liveliness_token"]
     yield ROUTER, _rule("the router relays what it has let in", relays, everything)
-    for service, rows in services().items():
-        yield from _service_rules(service, rows)
+    # without a guard the controller takes other topics
+    for service, nodes in services((*GRAPH, *rows(frozenset()))).items():
+        yield from _service_rules(service, nodes)
     puts = [
         key
         for topic in keys.TOPICS
@@ -129,15 +130,15 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], [protocol.tokens()])
 
 
-def _service_rules(service: str, rows: Sequence[Row]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _service_rules(service: str, nodes: Sequence[Row]) -> Iterator[tuple[str, dict[str, Any]]]:
     puts = [
-        *(key for row in rows for topic in row.outputs for key in _given(row, topic)),
+        *(key for row in nodes for topic in row.outputs for key in _given(row, topic)),
         *_given(Row(service), keys.diagnostics(service)),
         f"**/{receipts(service).key}",
         # samples from ROS that it passes on to all others
-        *(f"**/{topic.key}" for row in rows for topic in _handed_on(row)),
+        *(f"**/{topic.key}" for row in nodes for topic in _handed_on(row)),
     ]
-    calls = [call for row in rows for call in row.calls]
+    calls = list(dict.fromkeys(call for row in nodes for call in row.calls))
     latched = [key for call in calls for key in protocol.latched_keys(call)]
     puts = list(dict.fromkeys([*puts, *latched]))
     yield service, _rule(f"{service} publishes", ["put"], puts)

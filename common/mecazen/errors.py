@@ -1,5 +1,7 @@
 """Errors that a user can act on: one clear line each, no traceback."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from traceback import extract_tb
 
@@ -34,6 +36,17 @@ class StepTimeoutError(MecazenError):
 
 class NodeError(MecazenError):
     """A user node failed; the message names the node, the failed call and the place in its code."""
+
+
+@contextmanager
+def explaining(name: str) -> Iterator[None]:
+    """Convert exceptions of user code into a NodeError that names the node and the line."""
+    try:
+        yield
+    except (MecazenError, RefusedError):
+        raise
+    except Exception as error:
+        raise NodeError(f"{name}: {explained(error)}") from error
 
 
 def explained(error: Exception) -> str:

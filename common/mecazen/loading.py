@@ -18,7 +18,7 @@ from mecazen.config.sensor import features
 from mecazen.errors import ConfigError, UntrustedError
 from mecazen.explain import explain, fields_of_choice, one_line, show
 from mecazen.files import parse_toml, parse_value, read_toml
-from mecazen.graph import COLLECTOR, CROWD, GRAPH, TABLE
+from mecazen.graph import COLLECTOR, CROWD, NODES, rows
 from mecazen.occupancy import take_map
 from mecazen.programs import find
 from mecazen.robot import Robot
@@ -177,7 +177,7 @@ def _take_programs(raw: dict[str, Any], origin: _Origin) -> None:
     programs = raw.get("programs")
     if not isinstance(programs, dict):
         return
-    taken = {"router", "clock", COLLECTOR, "guard"} | (_SECTIONS.keys() - TABLE.keys())
+    taken = {"router", "clock", COLLECTOR, "guard"} | (_SECTIONS.keys() - NODES.keys())
     for part, program in programs.items():
         if part in taken or not re.fullmatch("[A-Za-z0-9_-]+", part):
             raise ConfigError(
@@ -187,7 +187,7 @@ def _take_programs(raw: dict[str, Any], origin: _Origin) -> None:
         if isinstance(program, str) and ".py:" in program:
             programs[part] = str(origin.locate(program).resolve())
     listed = raw.get("services", Scenario.__struct_defaults__[0])
-    own = [name for name in programs if name not in TABLE and name not in listed]
+    own = [name for name in programs if name not in NODES and name not in listed]
     if own and isinstance(listed, list | tuple):
         raw["services"] = [*listed, *own]
 
@@ -206,7 +206,8 @@ def _take_sensors(raw: dict[str, Any]) -> None:
     guard = raw.get("guard")
     enabled = not isinstance(guard, dict) or guard.get("enabled") is not False
     wanted = with_guard(wanted, enabled=enabled)
-    needed = dict.fromkeys(row.part_of for row in GRAPH if row.needs in wanted)
+    always = {row.name for row in rows(frozenset())}
+    needed = dict.fromkeys(row.part_of for row in rows(wanted) if row.name not in always)
     if "hardware" in listed:  # a real robot has sensors of its own
         needed.pop("sensors", None)
     crowd = raw.get(CROWD)
@@ -227,7 +228,7 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
         try:
             section = getattr(find(name, programs), "SECTION", None)
         except ConfigError:
-            if name not in TABLE:
+            if name not in NODES:
                 raise
             # a class that replaces a node is needed only in its own process, which refuses it
             _drop_unreadable(name, raw, origin)

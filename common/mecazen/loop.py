@@ -1,55 +1,54 @@
-"""The loop: executes a plan, tick by tick. It is the only place where a tick happens.
+"""The loop: takes the turns of a process, tick by tick. It is the only place where a tick happens.
 
 The loop knows neither bus nor clock. Its driver (clock or worker) delivers samples of other
-processes to the slots, decides how long to wait for them, and publishes the outputs.
+processes to the slots, and decides how long to wait for them.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from graphlib import CycleError, TopologicalSorter
+from typing import Any, NamedTuple
 
-from mecazen.keys import Topic
+from mecazen.config import Scenario
+from mecazen.errors import ConfigError, NodeError, RefusedError, explaining
+from mecazen.graph import Graph
+from mecazen.keys import CLOCK, Topic, of_robot
+from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
-from mecazen.node import Inputs, Outputs, Tick
-from mecazen.plan import Need, Turn
-from mecazen.wire import NS_PER_S, Stamp
+from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.robots import join_key, seed_of
+from mecazen.row import Input, Row, Rule
+from mecazen.wire import NS_PER_S, Stamp, encode
 
-Put = Callable[[Message, Stamp], None]
-Refuse = Callable[[Topic[Any], str], None]
 AHEAD_AT_MOST = 10_000
 """Maximum number of samples that wait in a slot for their ticks."""
 
-
-class Steps(Protocol):
-    """The methods of a node that the loop calls."""
-
-    def reset(self, seed: int) -> None:
-        """Begin a run."""
-
-    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the outputs of a tick."""
+_PLAIN = nullcontext()
 
 
 class Slot:
-    """An input of a turn: the newest message, and samples that wait for their ticks.
+    """An input of a turn: the newest message, and samples that wait for their ticks."""
 
-    Args:
-        need: The input.
-        is_remote: Whether other processes publish it.
-        keeps_all: Whether every sample waits for its tick. Otherwise a newer sample replaces it.
-    """
-
-    __slots__ = (
-        *("awaited", "count", "due", "fresh", "heard", "is_remote", "keeps_all", "late"),
-        *("message", "need", "tick", "until", "waiting"),
-    )
-
-    def __init__(self, need: Need, *, is_remote: bool, keeps_all: bool) -> None:
-        self.need = need
-        self.is_remote = is_remote
-        self.keeps_all = keeps_all
+    def __init__(self, topic: Topic[Any], on_bus: Topic[Any], row_input: Input, rule: Rule) -> None:
+        self.topic, self.on_bus, self.rule = topic, on_bus, rule
+        """The topic as the node refers to it, the topic with its full key, and the rule that
+        applies in this run."""
+        self.revises = row_input.revises
+        """Whether a sample that arrives after the step of its tick repeats that step."""
+        self.lag = int(row_input.before)
+        """Number of ticks between a sample and the step that uses it."""
+        self.giver: Turn | None = None
+        """The turn that publishes it; None if only other programs do."""
+        self.period = 1
+        """Number of ticks from one sample to the next."""
+        self.is_remote = True
+        """Whether another process publishes it."""
+        self.keeps_all = False
+        """Whether every sample waits for its tick; otherwise a newer sample replaces it."""
         self.late = 0
         """Number of steps that were made without the awaited sample."""
         self.count = 0
@@ -59,23 +58,29 @@ class Slot:
     def reset(self) -> None:
         """Begin a run."""
         self.message: Message | None = None
-        self.fresh = False
+        self.is_fresh = False
         """Whether the message has arrived since the last step."""
         self.due: int | None = None
         """Tick of the step that the message was meant for; None for a message without a stamp."""
         self.tick = -1
         """Tick of the newest sample that a step can use."""
-        self.heard = -1
+        self.newest = -1
         """Tick of the newest sample that has arrived, with or without a stamp."""
-        self.until = -1
-        """Newest tick whose samples the step uses."""
+        self.last: int | None = None
+        """Tick of the turn's last step."""
         self.awaited: int | None = None
         """Tick of the sample that the step waits for; None if it waits for no sample."""
         self.waiting: deque[tuple[Stamp, int, Message | None]] = deque(maxlen=AHEAD_AT_MOST)
 
+    def hand_over(self, message: Message, tick: int) -> None:
+        """Store the message of a turn of this process."""
+        self.message, self.is_fresh, self.due = message, True, tick + self.lag
+        self.tick = self.newest = tick
+        self.count += 1
+
     def give(self, message: Message, tick: int) -> None:
         """Store a message without a stamp, with the tick in which it arrived."""
-        self.message, self.fresh, self.due, self.heard = message, True, None, tick
+        self.message, self.is_fresh, self.due, self.newest = message, True, None, tick
         self.count += 1
 
     def receive(self, message: Message | None, stamp: Stamp, tick: int) -> None:
@@ -83,150 +88,329 @@ class Slot:
         if not self.keeps_all and self.waiting:
             self.waiting.pop()
         self.waiting.append((stamp, tick, message))
-        self.heard = tick
+        self.newest = tick
         self.count += 1
 
-    def open(self, k: int, last: int | None) -> None:
-        """Prepare the step of tick `k`; `last` is the tick of the step before, if any."""
-        self.until, self.awaited = k - self.need.lag, self.need.awaited_at(k, last)
-
-    @property
-    def lacks(self) -> bool:
-        """Whether neither the awaited sample nor a later one has arrived."""
-        waiting = self.waiting
-        while waiting and waiting[0][1] <= self.until:
+    def take(self, k: int) -> None:
+        """Take the samples that the step of tick `k` uses."""
+        newest, waiting = k - self.lag, self.waiting
+        while waiting and waiting[0][1] <= newest:
             _, tick, message = waiting.popleft()
             self.tick = max(self.tick, tick)
             if message is not None:
-                self.message, self.fresh, self.due = message, True, tick + self.need.lag
-        return self.awaited is not None and self.tick < self.awaited and not waiting
+                self.message, self.is_fresh, self.due = message, True, tick + self.lag
+        self.awaited = None
+        if self.rule != "latest" and newest >= 0:
+            due = newest - newest % self.period
+            before = newest - 1 if self.last is None else self.last - self.lag
+            self.awaited = due if due > before else None
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether neither the awaited sample nor a later one has arrived."""
+        return self.awaited is not None and self.tick < self.awaited and not self.waiting
 
 
-class Runner:
-    """Runs a turn: holds its node, its slots, and the tick of its last step.
+class Output(NamedTuple):
+    """An output of a turn."""
 
-    Args:
-        turn: The turn of the plan.
-        node: The node that makes the steps.
-        slots: One slot for each need of the turn.
-        tick_ns: The control period [ns].
-    """
+    on_bus: Topic[Any]
+    """The topic with its full key."""
+    period: int
+    """Number of ticks from one sample to the next."""
+    slots: list[Slot]
+    """The inputs in this process that take it."""
 
-    def __init__(self, turn: Turn, node: Steps, slots: Sequence[Slot], tick_ns: int) -> None:
-        self.turn = turn
-        self.node = node
-        self.slots = tuple(slots)
-        self.remote = tuple(slot for slot in slots if slot.is_remote)
-        self.triggers = tuple(slot for slot in slots if slot.need.rule == "every")
-        if turn.is_world:  # the world advances even if an answer is missing
-            self.triggers = ()
-        self.revising = tuple(slot for slot in slots if slot.need.revises)
-        self.takers: dict[Topic[Any], tuple[Sequence[Slot], Put]] = {}
-        """Slots in this process and the publishing function, by output."""
-        self.promises: tuple[tuple[Topic[Any], int, Callable[[Stamp], None]], ...] = ()
+
+class Turn:
+    """A node of one robot or of all robots, its inputs and outputs, and its place in a tick."""
+
+    def __init__(self, row: Row, robot: str, scenario: Scenario, graph: Graph) -> None:
+        self.row, self.robot = row, robot
+        names = scenario.names if row.shared else (robot,)
+        part = scenario.of(robot) if robot else scenario
+        is_lockstep = scenario.sim.mode == "lockstep"
+
+        def known(topic: Topic[Any], name: str) -> Topic[Any]:
+            """Return a topic as the node refers to it."""
+            return of_robot(topic, name) if row.shared else topic
+
+        def period(topic: Topic[Any]) -> int:
+            return part.ticks_per(graph.rate(topic.key))
+
+        for rate in row.rates.values():
+            part.ticks_per(rate)  # refuses a rate that does not divide the tick rate
+        self.slots: list[Slot] = []
+        for i in row.inputs:
+            for name in ("",) if i.topic.shared or i.topic is CLOCK else names:
+                slot = Slot(known(i.topic, name), of_robot(i.topic, name), i, i.rule)
+                slot.period, slot.keeps_all = period(i.topic), is_lockstep
+                if i.rule == "latest" and is_lockstep and graph.giver(i.topic.key) is not None:
+                    slot.rule = "due"  # so that results do not depend on the order of arrival
+                self.slots.append(slot)
+        self.outputs: dict[Topic[Any], Output] = {}
+        for topic in row.outputs:
+            clocks = ("",) if topic is CLOCK else ()  # also outside the robots' namespaces
+            for name in dict.fromkeys((*clocks, *names)):
+                output = Output(of_robot(topic, name), period(topic), [])
+                self.outputs[known(topic, name)] = output
+        triggers = [slot.period for slot in self.slots if slot.rule == "every"]
+        self.period = 1 if row.owns_time else math.lcm(*triggers) if triggers else 0
+        """Number of ticks from one step to the next; 0: the node makes no steps."""
+        self.node: Node | None = None
+        """The node, if it is in this process."""
+        self.is_user = row.name in scenario.programs
+        """Whether a user's class computes it."""
+        self.remote: tuple[Slot, ...] = ()
+        """The slots that other processes fill."""
+        self.puts: dict[Topic[Any], Callable[[Message, Stamp], None]] = {}
+        """Functions that publish an output to other processes and programs."""
+        self.promises: list[tuple[Topic[Any], int, Callable[[Stamp], None]]] = []
         """Outputs that other processes wait for, each with the ticks between samples and a function
         that publishes the absence of a message."""
         self.missed = 0
         """Number of steps skipped because a sample of rule `every` did not arrive."""
-        self.first_period_ns = 0 if turn.is_world else tick_ns
         self.last: int | None = None
+        """Tick of the last step in this run."""
         self.known_ns: dict[Topic[Any], int] = {}
+        """Time of the newest message that steps have used [ns]."""
+
+    @property
+    def name(self) -> str:
+        """The node's name, preceded by the robot's name if there are several robots."""
+        return join_key(self.row.name, self.robot)
+
+    @property
+    def service(self) -> str:
+        """The service's name, preceded by the robot's name if there are several robots."""
+        return join_key(self.row.part_of, self.robot)
+
+    def make(self, kind: type[Node], scenario: Scenario) -> None:
+        """Make the node, with the part of the scenario that belongs to its robot."""
+        self.scenario = scenario.of(self.robot) if self.robot else scenario
+        with self.calling():
+            self.node = kind(self.scenario)
+        self.triggers = tuple(slot for slot in self.slots if slot.rule == "every")
+        self.revising = tuple(slot for slot in self.slots if slot.revises)
+
+    @property
+    def running(self) -> Node:
+        """The node of a turn of this process."""
+        assert self.node is not None
+        return self.node
+
+    def calling(self) -> AbstractContextManager[None]:
+        """Return the context in which the node's methods are called: it explains users' errors."""
+        return explaining(self.row.name) if self.is_user else _PLAIN
 
     def reset(self, seed: int) -> None:
-        """Begin a run, or restart within a run."""
+        """Begin a run of a seed, or restart the node within a run."""
         for slot in self.slots:
             slot.reset()
         self.last = None
         self.known_ns = {}
-        self.node.reset(seed)
+        with self.calling():
+            self.running.reset(seed_of(seed, self.robot))
 
-    def is_triggered(self, tick: int) -> bool:
+    def configure(self, scenario: Scenario, seed: int) -> None:
+        """Apply a scenario with changed parameters from the next step on."""
+        part = scenario.of(self.robot) if self.robot else scenario
+        if part != self.scenario:
+            self.scenario = part
+            with self.calling():
+                self.running.configure(part)
+        if self.last is None:
+            with self.calling():
+                self.running.reset(seed_of(seed, self.robot))
+
+    def is_triggered(self, k: int) -> bool:
         """Return whether all samples that trigger the step of a tick have arrived."""
-        return all(slot.tick == tick for slot in self.triggers)
+        return all(slot.tick == k for slot in self.triggers)
+
+    def depth(self) -> int:
+        """Return how many turns of a tick, one after the other, this turn waits for."""
+        waits = [s.giver for s in self.slots if s.giver and not s.lag and s.rule != "latest"]
+        return max((1 + giver.depth() for giver in waits), default=0)
+
+    def check(self, outputs: Outputs) -> None:
+        """Refuse outputs that a receiver in another process would refuse.
+
+        Raises:
+            NodeError: A number is beyond its limit, or an output does not match the row.
+        """
+        if self.is_user:
+            self._check_types(outputs)
+        for topic, message in outputs.items():
+            try:
+                refuse_implausible(topic.name, message)
+            except RefusedError as refusal:
+                raise NodeError(f"{self.row.name} gives {topic.key} whose {refusal}") from None
+
+    def _check_types(self, outputs: object) -> None:
+        name = self.row.name
+        if not isinstance(outputs, Mapping):
+            kind = type(outputs).__name__
+            raise NodeError(f"{name}: step must return a mapping of topics to messages, got {kind}")
+        for topic, message in outputs.items():
+            if not isinstance(topic, Topic):
+                raise NodeError(f"{name}: step returns {topic!r:.80}, which is no topic")
+            if type(message) is not topic.type:
+                raise NodeError(
+                    f"{name}: step returns {topic.key} as {type(message).__name__}; it must "
+                    f"be {topic.type.__name__} of mecazen.messages"
+                )
+            if topic not in self.outputs:
+                raise NodeError(f"{name} gives {topic.key}, which is not in its row")
+            size = len(encode(message))
+            if size > topic.max_bytes:
+                raise NodeError(
+                    f"{name} gives {topic.key} of {size} bytes, at most {topic.max_bytes}"
+                )
+
+
+def turns_of(scenario: Scenario, graph: Graph) -> tuple[Turn, ...]:
+    """Return the turns of a scenario, in the order in which they are taken within a tick.
+
+    Every process computes the same order. So no two of them wait for each other.
+
+    Raises:
+        ConfigError: A rate does not divide the tick rate, or nodes wait for each other.
+    """
+    turns = [
+        Turn(row, robot, scenario, graph)
+        for row in graph.rows
+        if not row.observes
+        for robot in (("",) if row.shared else scenario.names)
+    ]
+    givers = {output.on_bus.key: turn for turn in turns for output in turn.outputs.values()}
+    order: TopologicalSorter[Turn] = TopologicalSorter({turn: () for turn in turns})
+    for turn in turns:
+        for slot in turn.slots:
+            slot.giver = givers.get(slot.on_bus.key)
+            if slot.giver is None:
+                if slot.rule == "due":
+                    slot.rule = "latest"  # nothing waits for a topic that no node publishes
+            elif slot.lag:
+                order.add(slot.giver, turn)  # it uses the sample of the tick before
+            elif slot.rule != "latest":
+                order.add(turn, slot.giver)
+    try:
+        return tuple(order.static_order())
+    except CycleError as error:
+        circle = " waits for ".join(turn.row.name for turn in reversed(error.args[1]))
+        raise ConfigError(f"{circle}: no step of theirs would ever be made") from None
+
+
+def awaited_services(turns: Iterable[Turn]) -> frozenset[str]:
+    """Return the services that the world waits for, directly or not, and its own service."""
+    turns = tuple(turns)
+    worlds = {turn.service for turn in turns if turn.row.owns_time}
+    waiting = [turn for turn in turns if turn.service in worlds]
+    awaited: set[Turn] = set()
+    while waiting:
+        turn = waiting.pop()
+        if turn not in awaited:
+            awaited.add(turn)
+            waiting += [slot.giver for slot in turn.slots if slot.giver and slot.rule != "latest"]
+    return frozenset(turn.service for turn in awaited)
 
 
 class Loop:
-    """Runs the turns of a process in the order of the plan.
+    """Takes the turns of a process.
 
     Args:
-        runners: The turns, in the order of the plan.
+        turns: The turns, in the order of `turns_of`, with their nodes.
         tick_ns: The control period [ns].
         refuse: Function called with the topic and the reason when a node refuses a message.
     """
 
-    def __init__(self, runners: Sequence[Runner], tick_ns: int, refuse: Refuse) -> None:
-        self.runners = tuple(runners)
+    def __init__(
+        self, turns: Sequence[Turn], tick_ns: int, refuse: Callable[[Topic[Any], str], None]
+    ) -> None:
+        self.turns = tuple(turns)
         self.tick_ns = tick_ns
-        self._refuse = refuse
-        self._revising = tuple(runner for runner in runners if runner.revising)
         self.stamp = Stamp(0, 0, 0)
         """Stamp of the newest tick."""
+        self._refuse = refuse
+        self._revising = tuple(turn for turn in turns if turn.revising)
 
-    def step(self, k: int, stamp: Stamp) -> Iterator[Slot]:
-        """Run the turns of a tick; yield each slot that lacks a sample of another process.
+    def step(self, k: int, stamp: Stamp, wait: Callable[[Slot], bool]) -> None:
+        """Take the turns of a tick.
 
-        The caller waits for the sample or continues the iteration without it.
+        Args:
+            k: The number of the tick.
+            stamp: The stamp of the outputs.
+            wait: Function that waits for a missing sample; False if the tick is not wanted any
+                more.
         """
         self.stamp = stamp
-        for runner in self.runners:
-            if not runner.turn.period or k % runner.turn.period:
+        for turn in self.turns:
+            if not turn.period or k % turn.period:
                 continue
-            for slot in runner.remote:
-                slot.open(k, runner.last)
-                if slot.lacks:
-                    yield slot
-                    slot.late += slot.lacks
-            if runner.is_triggered(k):
-                self._take_turn(runner, k, stamp)
+            for slot in turn.remote:
+                slot.take(k)
+                if slot.is_missing:
+                    if not wait(slot):
+                        return
+                    slot.take(k)
+                    slot.late += slot.is_missing
+            if turn.is_triggered(k):
+                self._step(turn, k, stamp)
             else:
-                self._publish(runner, k, stamp, {})
+                self._publish(turn, k, stamp, {})
+
+    def lacks(self, k: int) -> bool:
+        """Return whether a sample is missing that another process gives for tick `k`."""
+        for turn in self.turns:
+            if turn.period and not k % turn.period:
+                for slot in turn.remote:
+                    slot.take(k)
+                    if slot.is_missing:
+                        return True
+        return False
 
     def revise(self) -> None:
         """Repeat the last step of each turn for which a newer command has arrived."""
-        for runner in self._revising:
-            if runner.last is None:
+        for turn in self._revising:
+            if turn.last is None:
                 continue
-            for slot in runner.revising:
-                slot.open(runner.last, runner.last)
-            if any(not slot.lacks and slot.fresh for slot in runner.revising):
-                at = self.stamp._replace(time_ns=runner.last * self.tick_ns)
-                self._take_turn(runner, runner.last, at)
+            for slot in turn.revising:
+                slot.take(turn.last)
+            if any(slot.is_fresh for slot in turn.revising):
+                stamp = self.stamp._replace(time_ns=turn.last * self.tick_ns)
+                self._step(turn, turn.last, stamp)
 
-    def _take_turn(self, runner: Runner, k: int, stamp: Stamp) -> None:
+    def _step(self, turn: Turn, k: int, stamp: Stamp) -> None:
         """Make the step of a node and publish its outputs."""
-        now_ns = stamp.time_ns
         samples: dict[Topic[Any], Message] = {}
         due_ns: dict[Topic[Any], int] = {}
-        for slot in runner.slots:
-            if slot.fresh:
-                topic = slot.need.topic
-                samples[topic] = slot.message  # type: ignore[assignment]  # it is fresh
-                due_ns[topic] = now_ns if slot.due is None else slot.due * self.tick_ns
-                slot.fresh = False
-        if runner.last is None:
-            period_ns = runner.first_period_ns
-        else:
-            period_ns = (k - runner.last) * self.tick_ns
-            if k != runner.last:
-                runner.missed += (k - runner.last) // runner.turn.period - 1
-        runner.last = k
-        inputs = Inputs(samples, runner.known_ns, now_ns, due_ns)
-        outputs = runner.node.step(Tick(k, now_ns, period_ns / NS_PER_S), inputs)
+        for slot in turn.slots:
+            if slot.is_fresh:
+                samples[slot.topic] = slot.message  # type: ignore[assignment]  # it is fresh
+                due_ns[slot.topic] = (k if slot.due is None else slot.due) * self.tick_ns
+                slot.is_fresh = False
+            slot.last = k
+        ticks = 1 if turn.last is None else k - turn.last
+        if turn.last is not None and ticks:
+            turn.missed += ticks // turn.period - 1
+        turn.last = k
+        inputs = Inputs(samples, turn.known_ns, stamp.time_ns, due_ns)
+        tick = Tick(k, stamp.time_ns, ticks * self.tick_ns / NS_PER_S)
+        with turn.calling():
+            outputs = turn.running.step(tick, inputs)
+        turn.check(outputs)
         for topic, reason in inputs.refused:
             self._refuse(topic, reason)
         for topic in inputs.samples:
-            runner.known_ns[topic] = due_ns[topic]
-        self._publish(runner, k, stamp, outputs)
+            turn.known_ns[topic] = due_ns[topic]
+        self._publish(turn, k, stamp, outputs)
 
-    def _publish(self, runner: Runner, k: int, stamp: Stamp, outputs: Outputs) -> None:
+    def _publish(self, turn: Turn, k: int, stamp: Stamp, outputs: Outputs) -> None:
         """Hand outputs to the slots in this process and publish them to other processes."""
         for topic, message in outputs.items():
-            slots, put = runner.takers[topic]
-            for slot in slots:
-                slot.message, slot.tick, slot.fresh = message, k, True
-                slot.heard = k
-                slot.count += 1
-            put(message, stamp)
-        for topic, period, put_nothing in runner.promises:
+            for slot in turn.outputs[topic].slots:
+                slot.hand_over(message, k)
+            turn.puts[topic](message, stamp)
+        for topic, period, put_nothing in turn.promises:
             if k % period == 0 and topic not in outputs:
                 put_nothing(stamp)

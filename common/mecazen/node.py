@@ -18,7 +18,7 @@ from mecazen.row import Row, due, every, latest
 from mecazen.schema import Section
 from mecazen.wire import NS_PER_S
 
-__all__ = ["Inputs", "Node", "Outputs", "Row", "Tick", "World", "due", "every", "latest"]
+__all__ = ["Inputs", "Node", "Outputs", "Row", "Tick", "due", "every", "latest"]
 
 
 Outputs = Mapping[Topic[Any], Message]
@@ -96,24 +96,20 @@ class Inputs:
         known_ns = self._known_ns.get(topic)
         return math.inf if known_ns is None else (self._now_ns - known_ns) / NS_PER_S
 
-    def renamed(self, topics: Mapping[Topic[Any], Topic[Any]]) -> Inputs:
-        """Return the inputs of the topics that are keys of the mapping, under its values."""
-        samples = {to: self.samples[topic] for topic, to in topics.items() if topic in self.samples}
-        known = {to: self._known_ns[of] for of, to in topics.items() if of in self._known_ns}
-        due = {to: self._due_ns[of] for of, to in topics.items() if of in self._due_ns}
-        return Inputs(samples, known, self._now_ns, due)
-
     def refuse(self, topic: Topic[Any], reason: str) -> None:
         """Refuse a message: drop it, count it and report the reason."""
         self.refused.append((topic, reason))
         self.samples = {other: m for other, m in self.samples.items() if other is not topic}
 
 
-class Computing(ABC):
-    """Base class of nodes and worlds."""
+class Node(ABC):
+    """Base class of nodes: of one robot, or of all robots as the world and the crowd.
 
-    ROW: ClassVar[Row]
-    """The node's row of the graph: an entry of `mecazen.graph.TABLE`, or a user node's own row."""
+    A node of all robots refers to a robot's topics and calls by `of_robot` and `call_of_robot`.
+    """
+
+    ROW: ClassVar[Row | None] = None
+    """The row of a user node; a class without one has the row of the node that it replaces."""
 
     SECTION: ClassVar[type[Section] | None] = None
     """Type of the node's section of a scenario, if the node is no installed service."""
@@ -122,15 +118,31 @@ class Computing(ABC):
         """Store the configuration; `reset` creates the state of a run."""
         self.scenario = scenario
 
-    @classmethod
-    def row(cls, scenario: Scenario) -> Row:
-        """Return the node's row; overridden where the configuration changes the row."""
-        del scenario
-        return cls.ROW
-
     @abstractmethod
     def reset(self, seed: int) -> None:
         """Begin a run: return to the initial state and seed the random numbers."""
+
+    @abstractmethod
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the outputs of a tick.
+
+        Args:
+            tick: The instant, and the time since the last step.
+            inputs: The samples that have arrived since then. Inputs of rule "every" are always
+                present.
+        """
+
+    def answer(self, call: Call[Any, Any], request: Message) -> Message:
+        """Return the answer to a query that the row names.
+
+        Raises:
+            RefusedError: The query can't be answered; the message says why.
+        """
+        raise NotImplementedError(f"{call.key} is in the row and has no answer")
+
+    def files(self) -> Mapping[str, Mapping[str, bytes]]:
+        """Return files to serve besides answers, by key and by path below the key."""
+        return {}
 
     def configure(self, scenario: Scenario) -> None:
         """Apply changed live parameters between two steps.
@@ -152,52 +164,3 @@ class Computing(ABC):
 
     def close(self) -> None:  # noqa: B027  # most have nothing to do
         """Release resources."""
-
-
-class Node(Computing):
-    """A node of one robot."""
-
-    @abstractmethod
-    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the outputs of a tick.
-
-        Args:
-            tick: The instant, and the time since the last step.
-            inputs: The samples that have arrived since then. Inputs of rule "every" are always
-                present.
-        """
-
-    def answer(self, call: Call[Any, Any], request: Message) -> Message:
-        """Return the answer to a query that the row names.
-
-        Raises:
-            RefusedError: The query can't be answered; the message says why.
-        """
-        raise NotImplementedError(f"{call.key} is in the row and has no answer")
-
-
-class World(Computing):
-    """The world that simulated time advances: physics of all robots, a recording, or hardware.
-
-    Robots are identified by name; a single robot has the empty name.
-    """
-
-    @abstractmethod
-    def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
-        """Advance by a tick's period with the outputs of the tick before; return the new state.
-
-        At tick 0 the world does not advance and returns the initial state of the run.
-        """
-
-    def answer(self, call: Call[Any, Any], request: Message, robot: str) -> Message:
-        """Return the answer to a query that the row names, asked of one robot.
-
-        Raises:
-            RefusedError: The query can't be answered; the message says why.
-        """
-        raise NotImplementedError(f"{call.key} is in the row and has no answer")
-
-    def files(self, robot: str) -> Mapping[str, Mapping[str, bytes]]:
-        """Return files to serve besides answers, by key and by path below the key."""
-        del robot
-        return {}

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from mecazen import keys
 from mecazen.errors import ConfigError
 from mecazen.keys import Call, Topic
 
@@ -21,10 +20,6 @@ class Input:
     rule: Rule
     revises: bool = False
     """Whether a sample that arrives after the step of its tick repeats that step."""
-    needs: str = ""
-    """Feature of a scenario that the input requires."""
-    unless: str = ""
-    """Feature of a scenario that removes the input."""
     before: bool = False
     """Whether a step uses the sample of the tick before; its giver may then wait for the step."""
 
@@ -45,19 +40,12 @@ def every(topic: Topic[Any]) -> Input:
     return Input(topic, "every")
 
 
-def due(
-    topic: Topic[Any],
-    *,
-    revises: bool = False,
-    needs: str = "",
-    unless: str = "",
-    before: bool = False,
-) -> Input:
+def due(topic: Topic[Any], *, revises: bool = False, before: bool = False) -> Input:
     """Return an input that a step waits for: the newest sample due by its tick, by topic rate.
 
     If no node of the scenario publishes the topic, no step waits for it.
     """
-    return Input(topic, "due", revises, needs, unless, before)
+    return Input(topic, "due", revises, before)
 
 
 def latest(topic: Topic[Any]) -> Input:
@@ -96,10 +84,6 @@ class Row:
     """Real-time priority among the processes of the stack; 0: none."""
     resets_with: tuple[str, ...] = ()
     """Services whose restart resets the node."""
-    needs: str = ""
-    """Feature of a scenario that the node requires; see `Scenario.features`."""
-    offers: Mapping[str, str] = field(default_factory=dict)
-    """Features that outputs require, by output key."""
     program: str = ""
     """Class of the node in this distribution, as `module:Class`; a user node has none."""
 
@@ -115,8 +99,7 @@ class Row:
             if not isinstance(values, tuple) or not all(isinstance(v, kind) for v in values):
                 raise ConfigError(f"row {self.name}: {name} must be a tuple, each {kind.__name__}")
         for name, topics in (("inputs", [i.topic for i in self.inputs]), ("outputs", self.outputs)):
-            given = [topic.key for topic in topics]
-            if len(set(given)) != len(given):
+            if len({topic.key for topic in topics}) != len(topics):
                 raise ConfigError(f"row {self.name}: {name}: each topic at most once")
         for key, rate in self.rates.items():
             positive = isinstance(rate, int | float) and rate > 0.0
@@ -129,40 +112,6 @@ class Row:
     def part_of(self) -> str:
         """Name of the service that the node is part of."""
         return self.service or self.name
-
-    def within(self, features: frozenset[str]) -> Row | None:
-        """Return the row reduced to a scenario's features; None if the node does not take part."""
-        if self.needs and self.needs not in features:
-            return None
-        left_out = {key for key, feature in self.offers.items() if feature not in features}
-        inputs = tuple(
-            i
-            for i in self.inputs
-            if (not i.needs or i.needs in features) and i.unless not in features
-        )
-        if not left_out and inputs == self.inputs:
-            return self
-        return replace(
-            self,
-            inputs=inputs,
-            outputs=tuple(topic for topic in self.outputs if topic.key not in left_out),
-            rates={key: rate for key, rate in self.rates.items() if key not in left_out},
-        )
-
-    def namespaced(self, robots: Iterable[str]) -> Row:
-        """Return the row of a shared node with one input for each robot."""
-        return replace(
-            self,
-            inputs=tuple(
-                replace(i, topic=keys.of_robot(i.topic, robot))
-                for i in self.inputs
-                for robot in (("",) if i.topic is keys.CLOCK else robots)
-            ),
-        )
-
-    def feature(self, key: str) -> str:
-        """Return the feature that an output requires; "" if it requires none."""
-        return self.offers.get(key, self.needs)
 
     def placed(self, place: Row) -> Row:
         """Return this row of a class with the name, service and role of a row of the table."""

@@ -23,9 +23,10 @@ def freeze(run: InProcess, seed: int) -> None:
     A frozen service takes no turn, and the run continues without it, as in real time.
     """
     chance = random.Random(seed)  # noqa: S311
-    world = run.host.world
-    assert world is not None  # otherwise there is no clock
-    services = [one for one in run.host.services if one is not run.host.service_of(world)]
+    clock = run.host.clock
+    assert clock is not None  # a clock drives the run
+    world = run.host.service_of(clock)
+    services = [service for service in run.host.services if service is not world]
     sim, begin_s = run.scenario.sim, 0.0
     while (begin_s := begin_s + chance.uniform(*BETWEEN_S)) < sim.duration_s:
         end_s = begin_s + chance.uniform(*FROZEN_S)
@@ -39,9 +40,9 @@ def freeze(run: InProcess, seed: int) -> None:
 
 def _freeze(service: Service, window: range) -> None:
     """Skip the turns of a service in some ticks."""
-    for _, runner in service.nodes:
-        triggered = partial(_is_triggered, window, runner.is_triggered)
-        runner.is_triggered = triggered  # type: ignore[method-assign]
+    for turn in service.turns:
+        triggered = partial(_is_triggered, window, turn.is_triggered)
+        turn.is_triggered = triggered  # type: ignore[method-assign]
 
 
 def _is_triggered(window: range, otherwise: Callable[[int], bool], tick: int) -> bool:

@@ -16,7 +16,6 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D, to_rectangle
-from mecazen.graph import TABLE
 from mecazen.keys import (
     CMD_VEL,
     GROUND_TRUTH,
@@ -69,10 +68,8 @@ FASTEST_M_S, FASTEST_RAD_S = 2.5, 4.0
 FEET = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("ankle", "heel", "foot")]
 
 
-class Plane(World):
+class Plane(Node):
     """A world without physics, in which the robot's wheels roll without slip."""
-
-    ROW = TABLE["physics"]
 
     def reset(self, seed: int) -> None:
         """Place the robot at the start, at rest."""
@@ -80,15 +77,16 @@ class Plane(World):
         self.kinematics = MecanumKinematics.of(self.scenario.robot)
         self.watchdog = Watchdog(self.scenario)
 
-    def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Simulate the wheels for a tick."""
-        joints = inputs[""].get(JOINT_COMMAND)
+        joints = inputs.get(JOINT_COMMAND)
         command = self.watchdog.command(
             None if joints is None else WheelCommand(joints.velocity),
-            inputs[""].age_s(JOINT_COMMAND),
+            inputs.age_s(JOINT_COMMAND),
             self.speeds.tolist(),
         )
-        lag = 1.0 - math.exp(-tick.period_s / WHEEL_LAG_S)
+        period_s = tick.period_s if tick.number else 0.0
+        lag = 1.0 - math.exp(-period_s / WHEEL_LAG_S)
         self.speeds += lag * (np.array(command.values) - self.speeds)
         twist = self.kinematics.forward(WheelSpeeds(*self.speeds.tolist()))
         if tick.number:
@@ -96,7 +94,7 @@ class Plane(World):
         header = m.Header(stamp=tick.time)
         joints = m.JointState(header, WHEEL_JOINTS, velocity=tuple(self.speeds.tolist()))
         truth = m.planar_odometry(tick.time, "world", "base_link", self.pose, twist)
-        return {"": {JOINT_STATES: joints, GROUND_TRUTH: truth}}
+        return {JOINT_STATES: joints, GROUND_TRUTH: truth}
 
 
 class Episode(msgspec.Struct, frozen=True):

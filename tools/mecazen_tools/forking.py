@@ -268,7 +268,7 @@ def _end_after(work: Callable[[], None]) -> NoReturn:
 
 def _import(wanted: Sequence[str]) -> None:
     """Import the nodes of services; a fork that needs a node reports its failed import."""
-    table = graph.services()
+    table = graph.services(graph.GRAPH)
     for row in (row for name in wanted if is_installed(name) for row in table.get(name, ())):
         if row.program and not row.observes:
             with suppress(Exception):

@@ -138,13 +138,18 @@ class Scenario(Section):
 
     @property
     def features(self) -> frozenset[str]:
-        """The features of the graph: those of sensors, guard, hardware and paths with a goal."""
-        found = with_guard(self.sensor.features, enabled=self.guard.enabled)
+        """What decides which nodes take part, and which topics they use; see `graph.rows`."""
+        features = set(with_guard(self.sensor.features, enabled=self.guard.enabled))
+        parts = [self.of(name) for name in self.names]
         if "hardware" in self.services:
-            found |= {"hardware"}
-        if any(isinstance(self.of(name).target.path, Goal) for name in self.names):
-            found |= {"goal"}
-        return found
+            features.add("hardware")
+        if any(isinstance(part.target.path, Goal) for part in parts):
+            features.add("goal")
+        if any(part.controller.odometry == "ground_truth" for part in parts):
+            features.add("truth")
+        if any(part.follower.planner is not None for part in parts):
+            features.add("planner")
+        return frozenset(features)
 
     @property
     def command_timeout_s(self) -> float:

@@ -13,7 +13,7 @@ from mecazen.config import Scenario
 from mecazen.errors import ConfigError, StepTimeoutError
 from mecazen.graph import OBSERVERS
 from mecazen.loading import to_toml
-from mecazen.loop import Runner, Slot
+from mecazen.loop import Slot
 from mecazen.messages import (
     Empty,
     Header,
@@ -53,10 +53,12 @@ class Clock:
     """
 
     def __init__(self, host: Host) -> None:
-        if host.world is None:
+        if host.clock is None:
             raise ConfigError("services: nothing to simulate without physics")
         self.host = host
-        self.world: Runner = host.world
+        service = host.service_of(host.clock)
+        self.answers = [slot for turn in service.turns for slot in turn.slots if slot.lag]
+        """The inputs with which the world answers a tick in the next one."""
         self.scenario: Scenario = host.scenario
         self.live = LiveParameters(host.scenario, refuse_unsuitable)
         self.lockstep = host.lockstep
@@ -69,9 +71,9 @@ class Clock:
         bus = host.bus
         self.pace = Pace(bus, host.tick_ns, self.scenario.sim.answer_timeout_s)
         self._parameters = bus.publisher(keys.PARAMETERS)
-        for service in {key.partition(".")[0] for key in parameters(self.scenario)}:
+        for name in {key.partition(".")[0] for key in parameters(self.scenario)}:
             with suppress(ConfigError):  # a later import would take many ticks
-                classes(service, self.scenario)
+                classes(name, self.scenario)
         configuration = to_toml(self.scenario)
         bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
         bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=configuration)))
@@ -83,7 +85,7 @@ class Clock:
         bus.serve(keys.GET_PARAMETERS, self._on_get)
         bus.serve(keys.SET_PARAMETERS, self._on_set)
         bus.presence.on_change.append(self._publish_parameters)  # for services that start late
-        host.service_of(host.world).reports.append(self.diagnostics)
+        service.reports.append(self.diagnostics)
         self.reset(self.scenario.seed)
 
     @property
@@ -143,17 +145,15 @@ class Clock:
         if has_changed or now_ns % NS_PER_S < host.tick_ns:
             self._publish_parameters()
         self.schedule.published(self.tick)
-        for slot in host.loop.step(self.tick, stamp):
-            if not self._has_come(slot):
-                break
+        host.loop.step(self.tick, stamp, self._await)
         host.has_news = True  # a command may have arrived after the turn that uses it
         host.report_if_due()
 
     def _await_answers(self) -> None:
         """Deliver samples until the tick is answered (lockstep) or the next is due (real time)."""
-        for slot in self.world.slots:
-            slot.open(self.tick + 1, self.tick)
-        if not any(slot.awaited is not None for slot in self.world.remote):
+        for slot in self.answers:
+            slot.take(self.tick + 1)
+        if not any(slot.is_remote and slot.awaited is not None for slot in self.answers):
             self.host.bus.drain()  # no wait below would deliver what has arrived
         self.host.revise()
         if self.lockstep or self.paused:
@@ -171,7 +171,9 @@ class Clock:
     @property
     def _unanswered(self) -> list[Slot]:
         """The world's inputs that lack an answer to this tick."""
-        return [slot for slot in self.world.slots if slot.lacks]
+        for slot in self.answers:
+            slot.take(self.tick + 1)
+        return [slot for slot in self.answers if slot.is_missing]
 
     def _await_all(self) -> None:
         begin_s = time.monotonic()
@@ -184,21 +186,22 @@ class Clock:
             elif self.tick or self._gone(missing) or time.monotonic() > deadline:
                 return
 
-    def _has_come(self, slot: Slot) -> bool:
+    def _await(self, slot: Slot) -> bool:
         """Wait for a sample that a turn lacks; return False if a reset ends the tick."""
         begin_s = time.monotonic()
-        while slot.lacks:
-            if self.asked_reset is not None:
-                return False
+        while self.asked_reset is None:
+            slot.take(self.tick)
+            if not slot.is_missing:
+                return True
             if self.lockstep:
                 if not self.host.bus.spin_once(PRESENCE_POLL_S):
                     self._refuse_silence([slot], begin_s)
                 continue
             wait_s = self.schedule.wait_s(self.tick, answered=False)
-            if slot in self.world.slots or wait_s <= 0.0 or self.paused:
-                break
+            if slot.lag or wait_s <= 0.0 or self.paused:
+                return True
             self.host.bus.spin_once(wait_s)
-        return True
+        return False
 
     def _gone(self, slots: list[Slot]) -> list[str]:
         """Return the services of slots that are not alive."""

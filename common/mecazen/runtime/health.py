@@ -15,11 +15,11 @@ from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S, Stamp
 
 
-class Heard:
+class Received:
     """An input of an observer: the number of samples received and the tick of the newest one."""
 
     def __init__(self) -> None:
-        self.count, self.heard = 0, -1
+        self.count, self.newest = 0, -1
 
 
 class Health:
@@ -31,7 +31,7 @@ class Health:
         robot: str,
         bus: Bus,
         scenario: Scenario,
-        inputs: Mapping[str, Heard | Slot],
+        inputs: Mapping[str, Received | Slot],
     ) -> None:
         self._name = name
         self._bus = bus
@@ -44,7 +44,7 @@ class Health:
     def reset(self) -> None:
         """Begin a run."""
         self._reported: Stamp | None = None
-        self._counts = {key: heard.count for key, heard in self._inputs.items()}
+        self._counts = {key: received.count for key, received in self._inputs.items()}
 
     def publish(self, stamp: Stamp, values: Mapping[str, object]) -> None:
         """Publish values and the state of the inputs at a tick."""
@@ -73,10 +73,11 @@ class Health:
         """Return each input's rate since the last report, and the age of its newest sample."""
         last, self._reported = self._reported, stamp
         values: dict[str, Any] = {}
-        for key, heard in self._inputs.items():
-            came, self._counts[key] = heard.count - self._counts.get(key, 0), heard.count
+        for key, received in self._inputs.items():
+            count = received.count - self._counts.get(key, 0)
+            self._counts[key] = received.count
             if last is not None and stamp.time_ns > last.time_ns:
-                values[f"hz/{key}"] = round(came * NS_PER_S / (stamp.time_ns - last.time_ns), 1)
-                age_ns = stamp.time_ns - heard.heard * self._tick_ns
-                values[f"age_s/{key}"] = "never" if heard.heard < 0 else age_ns / NS_PER_S
+                values[f"hz/{key}"] = round(count * NS_PER_S / (stamp.time_ns - last.time_ns), 1)
+                age_ns = stamp.time_ns - received.newest * self._tick_ns
+                values[f"age_s/{key}"] = "never" if received.newest < 0 else age_ns / NS_PER_S
         return values

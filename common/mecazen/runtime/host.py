@@ -1,12 +1,11 @@
-"""The services of a process: their nodes, the loop over them, and the bus around them."""
+"""The services of a process: their turns, the loop over them, and the bus around them."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
@@ -14,15 +13,13 @@ from mecazen.config import Scenario
 from mecazen.errors import ConfigError, RefusedError, StepTimeoutError
 from mecazen.graph import SHARED
 from mecazen.keys import Call, Topic, call_of_robot
-from mecazen.loop import Loop, Runner, Slot
-from mecazen.messages import Message
-from mecazen.node import Computing, Node, World
+from mecazen.loop import Loop, Slot, Turn, awaited_services, turns_of
+from mecazen.messages import Clock, Message
+from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.parameters import changed, settings_of
-from mecazen.plan import Need, Turn, compile_plan
 from mecazen.programs import Kind, classes, graph_of
-from mecazen.robots import join_key, seed_of
+from mecazen.robots import join_key
 from mecazen.runtime.health import Health
-from mecazen.runtime.nodes import Hosted
 from mecazen.wire import NS_PER_S, Stamp
 
 EARLY_AT_MOST = 16
@@ -49,28 +46,38 @@ def part_of(service: str, scenario: Scenario, robot: str) -> Scenario:
     return scenario if service in SHARED else scenario.of(robot)
 
 
-@dataclass
-class Service:
-    """A service of a process: its nodes and its health."""
+class ClockNode(Node):
+    """Publishes the time of each tick, before everything else in it."""
+
+    def reset(self, seed: int) -> None:
+        """The time comes with the tick."""
+
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the time, also within the namespace of each robot."""
+        time = Clock(clock=tick.time)
+        return {keys.of_robot(keys.CLOCK, name): time for name in ("", *self.scenario.names)}
+
+
+class Service(NamedTuple):
+    """A service of a process: its turns and its health."""
 
     name: str
     robot: str
-    nodes: list[tuple[Hosted, Runner]]
+    turns: list[Turn]
     health: Health
-    reports: list[Callable[[], Mapping[str, object]]] = field(default_factory=list)
+    reports: list[Callable[[], Mapping[str, object]]]
     """Functions that return further values for its diagnostics."""
 
     def diagnostics(self) -> dict[str, object]:
         """Return the nodes' diagnostics, and counts of late samples and missed ticks."""
         values = {name: value for report in self.reports for name, value in report().items()}
-        for hosted, runner in self.nodes:
-            values.update(hosted.diagnostics())
-            for slot in runner.slots:
-                if slot.need.rule == "due":
-                    values[f"late/{slot.need.topic.name}"] = slot.late
-        missed = [runner.missed for _, runner in self.nodes if not runner.turn.is_world]
-        if missed:
-            values["missed_ticks"] = max(missed)
+        for turn in self.turns:
+            with turn.calling():
+                values.update(turn.running.diagnostics())
+            for slot in turn.slots:
+                if slot.rule == "due":
+                    values[f"late/{slot.topic.name}"] = slot.late
+        values["missed_ticks"] = max(turn.missed for turn in self.turns)
         return values
 
 
@@ -87,9 +94,10 @@ class Host:
         ConfigError: A service does not exist, or the scenario does not suit a node.
 
     Attributes:
-        loop: The loop that executes the plan.
+        turns: All turns of the scenario, in the order in which they are taken.
+        loop: The loop that takes the turns of this process.
         stamp: The stamp of the newest tick.
-        world: The turn of the world, if this process contains it.
+        clock: The turn that owns time, if this process contains it.
         next_run: The stamp of a sample of a new run that has to begin; None if there is none.
         has_news: Whether a sample that may repeat a step has arrived since `revise`.
     """
@@ -107,16 +115,13 @@ class Host:
         self.lockstep = scenario.sim.mode == "lockstep"
         for service, robot in parts:
             part_of(service, scenario, robot)
-        found: dict[str, Kind] = {}
-        for service in dict.fromkeys(service for service, _ in parts):
-            found |= classes(service, scenario) if kinds is None else kinds
-        self.graph = graph_of(scenario, found)
-        self.plan = compile_plan(scenario, self.graph)
-        self._turns = [turn for turn in self.plan.of(parts) if turn.row.name in found]
-        self._local = {turn.number for turn in self._turns}
-        self.hosted = [self._make(turn, found[turn.row.name]) for turn in self._turns]
-        self.loop = self._loop()
-        self.world = next((r for r in self.loop.runners if r.turn.is_world), None)
+        if kinds is None:
+            named = dict.fromkeys(service for service, _ in parts)
+            kinds = {name: kind for part in named for name, kind in classes(part, scenario).items()}
+        self.graph = graph_of(scenario, kinds)
+        self.turns = turns_of(scenario, self.graph)
+        self.loop = self._make_loop({**kinds, "clock": ClockNode})
+        self.clock = next((turn for turn in self.loop.turns if turn.row.owns_time), None)
         self.services = [self._service(*part) for part in parts]
         self.stamp = Stamp(0, 0, scenario.seed)
         self.next_run: Stamp | None = None
@@ -144,29 +149,21 @@ class Host:
         self.stamp = self.loop.stamp = stamp
         self.next_run = None
         self._reported_s = -1
-        for hosted, runner in zip(self.hosted, self.loop.runners, strict=True):
-            self._reset(hosted, runner)
+        for turn in self.loop.turns:
+            turn.reset(stamp.seed)
         for service in self.services:
             service.health.reset()
-        early = [one for one in self._early if one[2].run == stamp.run]
+        early = [sample for sample in self._early if sample[2].run == stamp.run]
         self._early.clear()
-        for slots, message, at in early:
-            self._receive(slots, message, at)
-
-    def _reset(self, hosted: Hosted, runner: Runner) -> None:
-        with hosted.calling():
-            runner.reset(seed_of(self.stamp.seed, hosted.turn.robot))
+        for slots, message, sent in early:
+            self._receive(slots, message, sent)
 
     def configure(self, scenario: Scenario, revision: int) -> None:
         """Apply a scenario with changed parameters from the next tick on."""
         self.scenario, self.revision = scenario, revision
-        self._changes = {at: one for at, one in self._changes.items() if at > revision}
-        for hosted, runner in zip(self.hosted, self.loop.runners, strict=True):
-            robot = hosted.turn.robot
-            hosted.configure(scenario.of(robot) if robot else scenario)
-            if runner.last is None:
-                with hosted.calling():
-                    hosted.steps.reset(seed_of(self.stamp.seed, robot))
+        self._changes = {n: change for n, change in self._changes.items() if n > revision}
+        for turn in self.loop.turns:
+            turn.configure(scenario, self.stamp.seed)
 
     def knows(self, stamp: Stamp) -> bool:
         """Apply the changes due in a tick; return whether all changes of its stamp are known."""
@@ -188,8 +185,8 @@ class Host:
 
     def put(self, topic: Topic[Any], message: Message) -> None:
         """Publish a message without a stamp, as an external program would, to all processes."""
-        for slots in (self._by_key[topic.key],) if topic.key in self._by_key else ():
-            self._arrive(slots, topic, message, None)
+        if topic.key in self._slots_of:
+            self._arrive(self._slots_of[topic.key], message, None)
         self.bus.publisher(topic).put(message, None)
 
     def report_if_due(self) -> None:
@@ -200,10 +197,13 @@ class Host:
             for service in self.services:
                 service.health.publish(self.stamp, service.diagnostics())
 
+    def is_awaited(self) -> bool:
+        """Return whether the world waits for a service of this process, directly or not."""
+        return not awaited_services(self.turns).isdisjoint(join_key(*part) for part in self.parts)
+
     def givers(self, slots: Iterable[Slot]) -> list[str]:
         """Return the services that publish the inputs of slots."""
-        givers = [self.plan.giver(slot.need) for slot in slots]
-        return sorted({giver.service for giver in givers if giver is not None})
+        return sorted({slot.giver.service for slot in slots if slot.giver is not None})
 
     def patience_s(self, slot: Slot) -> float:
         """Return how long to wait for a sample in lockstep [s].
@@ -211,7 +211,8 @@ class Host:
         A silent node delays all later turns of its tick. The wait for these is longer, so the
         process that waits for the silent node is the first to end, and names it.
         """
-        return self.scenario.sim.answer_timeout_s + LONGER_S * self.plan.depth(slot.need)
+        depth = 0 if slot.giver is None else slot.giver.depth()
+        return self.scenario.sim.answer_timeout_s + LONGER_S * depth
 
     def silence_of(self, services: Iterable[str]) -> StepTimeoutError:
         """Return the error that services have not answered the present tick."""
@@ -221,132 +222,114 @@ class Host:
             f"(t = {time_ns / NS_PER_S} s)"
         )
 
-    def service_of(self, runner: Runner) -> Service:
+    def service_of(self, turn: Turn) -> Service:
         """Return the service that a turn belongs to."""
-        return next(s for s in self.services if runner in [other for _, other in s.nodes])
+        return next(service for service in self.services if turn in service.turns)
 
     def close(self) -> None:
         """Close the nodes."""
-        for hosted in self.hosted:
-            hosted.close()
+        for turn in self.loop.turns:
+            with turn.calling():
+                turn.running.close()
 
-    def _make(self, turn: Turn, kind: Kind) -> Hosted:
-        assert issubclass(kind, Computing)  # a plan contains no observers
-        robot = turn.robot
-        scenario = self.scenario.of(robot) if robot else self.scenario
-        is_own = turn.row.name in scenario.programs
-        return Hosted(turn, kind, scenario, is_own=is_own)
-
-    def _loop(self) -> Loop:
+    def _make_loop(self, kinds: Mapping[str, Kind]) -> Loop:
         """Return the loop. Each output goes to the inputs that take it here, and to the bus."""
-        runners = []
-        for hosted in self.hosted:
-            turn = hosted.turn
-            slots = [
-                Slot(need, is_remote=need.giver not in self._local, keeps_all=self.lockstep)
-                for need in turn.needs
-            ]
-            runners.append(Runner(turn, hosted.steps, slots, self.tick_ns))
-        slots_of: dict[str, list[Slot]] = {}
-        for runner in runners:
-            for slot in runner.slots:
-                slots_of.setdefault(slot.need.on_bus.key, []).append(slot)
-        self._by_key = slots_of
+        parts = {join_key(*part) for part in self.parts}
+        turns = [t for t in self.turns if t.service in parts and t.row.name in kinds]
+        self._slots_of: dict[str, list[Slot]] = {}
+        """The inputs of this process by the key on the bus."""
+        for turn in turns:
+            kind = kinds[turn.row.name]
+            assert issubclass(kind, Node)  # a loop contains no observers
+            turn.make(kind, self.scenario)
+            for slot in turn.slots:
+                slot.is_remote = slot.giver not in turns
+                self._slots_of.setdefault(slot.on_bus.key, []).append(slot)
+            turn.remote = tuple(slot for slot in turn.slots if slot.is_remote)
         awaited = {
-            need.on_bus.key
-            for turn in self.plan.turns
-            if turn.number not in self._local
-            for need in turn.needs
-            if need.rule != "latest"
+            slot.on_bus.key
+            for turn in self.turns
+            if turn not in turns
+            for slot in turn.slots
+            if slot.rule != "latest"
         }
-        for runner in runners:
-            promises = []
-            for topic, on_bus, period in runner.turn.gives:
-                publisher = self.bus.publisher(on_bus)
-                runner.takers[topic] = tuple(slots_of.get(on_bus.key, ())), publisher.put
-                if self.lockstep and on_bus.key in awaited:
-                    promises.append((topic, period, publisher.put_nothing))
-            runner.promises = tuple(promises)
-        return Loop(runners, self.tick_ns, lambda topic, why: self.bus.refuse(topic.key, why))
+        for turn in turns:
+            for topic, output in turn.outputs.items():
+                key, publisher = output.on_bus.key, self.bus.publisher(output.on_bus)
+                output.slots.extend(self._slots_of.get(key, ()))
+                turn.puts[topic] = publisher.put
+                if self.lockstep and key in awaited:
+                    turn.promises.append((topic, output.period, publisher.put_nothing))
+        return Loop(turns, self.tick_ns, lambda topic, why: self.bus.refuse(topic.key, why))
 
     def _service(self, name: str, robot: str) -> Service:
-        nodes = [
-            (hosted, runner)
-            for hosted, runner in zip(self.hosted, self.loop.runners, strict=True)
-            if hosted.turn.service == join_key(name, robot)
-        ]
+        turns = [turn for turn in self.loop.turns if turn.service == join_key(name, robot)]
         inputs = {
-            slot.need.on_bus.name if robot else slot.need.on_bus.key: slot
-            for _, runner in nodes
-            for slot in runner.slots
+            slot.on_bus.name if robot else slot.on_bus.key: slot
+            for turn in turns
+            for slot in turn.slots
         }
-        return Service(name, robot, nodes, Health(name, robot, self.bus, self.scenario, inputs))
+        return Service(name, robot, turns, Health(name, robot, self.bus, self.scenario, inputs), [])
 
     def _subscribe(self) -> None:
-        """Subscribe to the inputs that other processes publish."""
-        for slots in self._by_key.values():
-            need = slots[0].need
-            giver = self._giver(need)
-            if not slots[0].is_remote and (giver or self.bus.hears_itself):
-                if not self.bus.hears_itself:
-                    self.bus.subscribe(need.on_bus, partial(self._refuse, need.on_bus, giver))
-                continue
-            take = partial(self._arrive, slots, need.on_bus)
-            nothing = partial(self._of_run, slots, need.on_bus, None) if self.lockstep else None
-            # a node that no process waits for makes every step, however slow it is
-            every = self.lockstep and need.giver is not None
-            self.bus.subscribe(need.on_bus, take, every=every, nothing=nothing, of=giver)
-        if self.world is None:
-            world = next((turn.service for turn in self.plan.turns if turn.is_world), "")
+        """Subscribe to the inputs that other processes publish.
+
+        On a bus within one process, the loop hands over what a turn of this process publishes.
+        """
+        for slots in self._slots_of.values():
+            slot, topic, publisher = slots[0], slots[0].on_bus, self._sole_publisher(slots[0])
+            if slot.is_remote or (topic.open and not publisher and not self.bus.hears_itself):
+                nothing = partial(self._of_run, slots, None) if self.lockstep else None
+                # a node that no process waits for makes every step, however slow it is
+                every = self.lockstep and slot.giver is not None
+                take = partial(self._arrive, slots)
+                self.bus.subscribe(topic, take, every=every, nothing=nothing, of=publisher)
+            elif publisher and not self.bus.hears_itself:
+                self.bus.subscribe(topic, partial(self._refuse, slot, publisher))
+        if self.clock is None:
+            world = next((turn.service for turn in self.turns if turn.row.owns_time), "")
             self.bus.subscribe(keys.PARAMETERS, self._on_parameters, every=True, of=world)
 
-    def _giver(self, need: Need) -> str:
+    def _sole_publisher(self, slot: Slot) -> str:
         """Return the service that alone publishes an input; empty if others may do so."""
-        turn = self.plan.giver(need)
-        may_others = need.on_bus.open and not self.lockstep
-        return "" if turn is None or may_others else turn.service
+        may_others = slot.on_bus.open and not self.lockstep
+        return "" if slot.giver is None or may_others else slot.giver.service
 
-    def _refuse(self, topic: Topic[Any], giver: str, *_: object) -> None:
+    def _refuse(self, slot: Slot, publisher: str, *_: object) -> None:
         """Refuse a sample that does not come from the service that alone publishes its topic."""
-        self.bus.refuse(topic.key, f"not from {giver}, which alone publishes it")
+        self.bus.refuse(slot.on_bus.key, f"not from {publisher}, which alone publishes it")
 
-    def _arrive(
-        self, slots: Sequence[Slot], topic: Topic[Any], message: Message, stamp: Stamp | None
-    ) -> None:
+    def _arrive(self, slots: Sequence[Slot], message: Message, stamp: Stamp | None) -> None:
         """Process a sample of another process."""
         if stamp is not None:
-            self._of_run(slots, topic, message, stamp)
+            self._of_run(slots, message, stamp)
             return
-        if giver := self._giver(slots[0].need):
-            self._refuse(topic, giver)
+        if publisher := self._sole_publisher(slots[0]):
+            self._refuse(slots[0], publisher)
             return
         for slot in slots:
-            need = slot.need
-            if need.rule != "every" or need.lag:
+            if slot.rule != "every":
                 slot.give(message, self.stamp.time_ns // self.tick_ns)
                 self.has_news = True
 
-    def _of_run(
-        self, slots: Sequence[Slot], topic: Topic[Any], message: Message | None, stamp: Stamp
-    ) -> None:
+    def _of_run(self, slots: Sequence[Slot], message: Message | None, stamp: Stamp) -> None:
         """Receive a stamped sample of this run; keep one of a new run for later."""
         if stamp.run == self.stamp.run:
             self._receive(slots, message, stamp)
-        elif self.world is None and stamp.run not in self._ended:
+        elif self.clock is None and stamp.run not in self._ended:
             # another process may have begun a new run, and answered, before this process
             self._early.append((slots, message, stamp))
             # only a message of a node announces a run: no empty sample, no open topic, and no
             # topic without a publisher in the scenario, unless it triggers steps
-            need = slots[0].need
-            is_of_node = self._giver(need) or any(slot.need.rule == "every" for slot in slots)
-            if message is not None and not topic.open and is_of_node:
+            is_of_node = self._sole_publisher(slots[0]) or any(s.rule == "every" for s in slots)
+            if message is not None and not slots[0].on_bus.open and is_of_node:
                 self.next_run = stamp
 
     def _receive(self, slots: Iterable[Slot], message: Message | None, stamp: Stamp) -> None:
         tick = stamp.time_ns // self.tick_ns
         for slot in slots:
             slot.receive(message, stamp, tick)
-            self.has_news |= slot.need.revises
+            self.has_news |= slot.revises
 
     def _on_parameters(self, message: Any, stamp: Stamp | None) -> None:
         if stamp is None or message.revision <= self.revision:
@@ -359,36 +342,28 @@ class Host:
             self._changes[message.revision] = stamp, scenario
 
     def _serve(self) -> None:
-        """Answer the queries of the nodes' rows."""
-        for hosted in self.hosted:
-            row, node = hosted.turn.row, hosted.node
-            robots = self.scenario.names if isinstance(node, World) else (hosted.turn.robot,)
-            for robot in robots:
-                for call in row.calls:
-                    answer = partial(_answer, hosted, call, robot)
-                    self.bus.serve(call_of_robot(call, robot), answer)
-                if isinstance(node, World):
-                    for prefix, files in node.files(robot).items():
-                        self.bus.serve_files(join_key(prefix, robot), files)
+        """Answer the queries of the nodes' rows; the clock answers its own."""
+        for turn in self.loop.turns:
+            robots = self.scenario.names if turn.row.shared else (turn.robot,)
+            for call in () if turn.row.owns_time else turn.row.calls:
+                for robot in robots:
+                    asked = call_of_robot(call, robot)
+                    as_named = asked if turn.row.shared else call
+                    self.bus.serve(asked, partial(_answer, turn, as_named))
+            for key, files in turn.running.files().items():
+                self.bus.serve_files(key, files)
 
     def _on_return(self, name: str) -> None:
         """Reset the nodes whose row requires it when a service has returned."""
-        for hosted, runner in zip(self.hosted, self.loop.runners, strict=True):
-            if name in [join_key(part, hosted.turn.robot) for part in hosted.turn.row.resets_with]:
-                self._reset(hosted, runner)
+        for turn in self.loop.turns:
+            if name in [join_key(part, turn.robot) for part in turn.row.resets_with]:
+                turn.reset(self.stamp.seed)
 
 
-def _answer(
-    hosted: Hosted, call: Call[Any, Any], robot: str, request: Message, reply: Reply[Any]
-) -> None:
-    node = hosted.node
+def _answer(turn: Turn, call: Call[Any, Any], request: Message, reply: Reply[Any]) -> None:
     try:
-        with hosted.calling():
-            if isinstance(node, World):
-                message = node.answer(call, request, robot)
-            else:
-                assert isinstance(node, Node)
-                message = node.answer(call, request)
+        with turn.calling():
+            message = turn.running.answer(call, request)
         reply.answer(message)
     except RefusedError as refusal:
         reply.refuse(str(refusal))

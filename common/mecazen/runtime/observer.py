@@ -11,7 +11,7 @@ from mecazen.bus.base import Handler
 from mecazen.config import Scenario
 from mecazen.keys import Topic, of_robot
 from mecazen.messages import MessageT
-from mecazen.runtime.health import Health, Heard
+from mecazen.runtime.health import Health, Received
 from mecazen.wire import NS_PER_S, Stamp
 
 
@@ -30,8 +30,8 @@ class Observer(ABC):
         self.announce: Callable[[str], None] = lambda _: None
         """Function called with the address of a page that the service serves."""
         self._ended: deque[int] = deque(maxlen=16)
-        self._heard: dict[str, Heard] = {}
-        self._health = Health(name, "", bus, scenario, self._heard)
+        self._received: dict[str, Received] = {}
+        self._health = Health(name, "", bus, scenario, self._received)
 
     @abstractmethod
     def reset(self, seed: int) -> None:
@@ -57,13 +57,13 @@ class Observer(ABC):
         An open topic, on which any client may publish, begins no run.
         """
         on_bus = of_robot(topic, robot)
-        heard = self._heard.setdefault(on_bus.key, Heard())
+        received = self._received.setdefault(on_bus.key, Received())
 
         def take(message: MessageT, stamp: Stamp | None) -> None:
             if stamp is not None and not self._is_current(stamp, begins=not topic.open):
                 return
-            heard.count += 1
-            heard.heard = (stamp or self.stamp).time_ns // self.scenario.sim.tick_ns
+            received.count += 1
+            received.newest = (stamp or self.stamp).time_ns // self.scenario.sim.tick_ns
             handler(message, stamp)
 
         self.bus.subscribe(on_bus, take)
@@ -76,8 +76,8 @@ class Observer(ABC):
                 return False
             self._ended.append(last.run)
             self.stamp = stamp
-            for heard in self._heard.values():
-                heard.heard = -1
+            for received in self._received.values():
+                received.newest = -1
             self._health.reset()
             self.reset(stamp.seed)
         elif stamp.time_ns <= last.time_ns:

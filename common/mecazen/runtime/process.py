@@ -120,7 +120,7 @@ def drive(parts: Sequence[Part], bus: Bus, scenario: Scenario) -> Clock | Worker
     if parts[0][0] in OBSERVERS:
         return observe(parts[0][0], bus, scenario)
     host = Host(parts, bus, scenario)
-    return Worker(host) if host.world is None else Clock(host)
+    return Worker(host) if host.clock is None else Clock(host)
 
 
 def observe(service: str, bus: Bus, scenario: Scenario) -> Observer:

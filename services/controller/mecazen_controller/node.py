@@ -13,7 +13,6 @@ from mecazen.covariance import diagonal_covariance
 from mecazen.drive import Drive, LimiterState, axis_limits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
-from mecazen.graph import TABLE
 from mecazen.keys import (
     CMD_VEL,
     GROUND_TRUTH,
@@ -25,7 +24,6 @@ from mecazen.keys import (
 )
 from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen.row import Row, every
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import NS_PER_S, RefusedError
 
@@ -42,26 +40,16 @@ another unit in its place is at least a factor of 2 away."""
 class OdometryNode(Node):
     """Odometry from the wheels' angles and speeds, or the ground truth of the simulator."""
 
-    ROW = TABLE["odometry"]
-
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config, self.joints = scenario.controller, scenario.robot.wheels.joints
         self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
-        self.ticks_per_sample = scenario.ticks_per(self.ROW.rates[ODOM.key])
+        self.ticks_per_sample = scenario.ticks_per("controller.update_rate_hz")
         self.pose_covariance = diagonal_covariance(self.config.pose_covariance_diagonal)
         self.twist_covariance = diagonal_covariance(self.config.twist_covariance_diagonal)
         self.wheels_known = False
         """Whether a sample of joint_states contained all wheel joints, so that the configured names
         are right."""
-
-    @classmethod
-    def row(cls, scenario: Scenario) -> Row:
-        """Return the row, with the truth among its inputs if the odometry of a robot takes it."""
-        sources = {scenario.of(name).controller.odometry for name in scenario.names}
-        if "ground_truth" not in sources:
-            return cls.ROW
-        return replace(cls.ROW, inputs=(*cls.ROW.inputs, every(GROUND_TRUTH)))
 
     def reset(self, seed: int) -> None:
         """Set the odometry to the start pose, at rest."""
@@ -141,8 +129,6 @@ class ControllerNode(Node):
 
     The limits apply once per tick, independent of the number of commands in it.
     """
-
-    ROW = TABLE["controller"]
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)

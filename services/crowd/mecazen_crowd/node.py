@@ -10,7 +10,6 @@ from mecazen.config.crowd import Walker
 from mecazen.config.people import Goal
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.graph import TABLE
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_people.body.walker import Walker as Body
@@ -28,8 +27,6 @@ MISSED_AT_MOST = 50
 
 class CrowdNode(Node):
     """Publishes the poses of all people and robots: followed persons, walkers, and robots."""
-
-    ROW = TABLE["crowd"]
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)

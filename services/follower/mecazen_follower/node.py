@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import replace as replace_row
 from itertools import repeat
 
 from mecazen import messages as m
@@ -13,11 +12,9 @@ from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covarian
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
-from mecazen.row import Row
 from mecazen.ticks import ticks_per_sample
 from mecazen.wire import NS_PER_S
 from msgspec.structs import replace
@@ -56,8 +53,6 @@ class FollowerNode(Node):
         ConfigError: At `follower.standoff_m` the robot would touch the person.
     """
 
-    ROW = TABLE["follower"]
-
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.follower
@@ -87,13 +82,6 @@ class FollowerNode(Node):
                 f"follower.standoff_m = {self.config.standoff_m:g}: beside a person the camera "
                 f"sees both shoulders, and so the heading, from {LEAST_BESIDE_M:g} m on",
             )
-
-    @classmethod
-    def row(cls, scenario: Scenario) -> Row:
-        """Return the row; without a planner, scans are not an input."""
-        if scenario.follower.planner is not None:
-            return cls.ROW
-        return replace_row(cls.ROW, inputs=tuple(i for i in cls.ROW.inputs if i.topic is not SCAN))
 
     def reset(self, seed: int) -> None:
         """Discard the person and the robot's past poses."""

@@ -9,7 +9,6 @@ from mecazen.config import Scenario
 from mecazen.drive import Drive
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.graph import TABLE
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.poses import PoseHistory
@@ -29,8 +28,6 @@ SIDES = "ahead", "to the left", "behind", "to the right"
 
 class GuardNode(Node):
     """Limits the command so that the robot can stop in time; zero if the lidar is unreliable."""
-
-    ROW = TABLE["guard"]
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)

@@ -11,7 +11,6 @@ from mecazen.config import Scenario
 from mecazen.config.physics import MAX_DT_S
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.extras import is_installed
-from mecazen.graph import TABLE
 from mecazen.keys import (
     BATTERY_STATE,
     EMERGENCY_STOP,
@@ -24,7 +23,7 @@ from mecazen.keys import (
 )
 from mecazen.kinematics import WheelSpeeds
 from mecazen.messages import BatteryState, Header, Imu, JointState, Message, String, Vector3
-from mecazen.node import Inputs, Node, Outputs, Tick, World
+from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.programs import find
 from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
 from msgspec.structs import replace
@@ -53,14 +52,12 @@ class _Shared:
         cls.driver = None
 
 
-class HardwareWorld(World):
+class HardwareNode(Node):
     """A real robot instead of physics; its time is the wall clock.
 
     Raises:
         ConfigError: The scenario does not run in real time.
     """
-
-    ROW = TABLE["hardware"]
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
@@ -75,10 +72,10 @@ class HardwareWorld(World):
         self.driver = _Shared.open(self.scenario)
         self.driver.begin()
 
-    def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of the robot at a tick."""
         del inputs
-        angles, speeds = self.driver.measure(tick.period_s)
+        angles, speeds = self.driver.measure(tick.period_s if tick.number else 0.0)
         header = Header(stamp=tick.time, frame_id="base_link")
         joints = JointState(
             header, self.scenario.robot.wheels.joints, position=angles, velocity=tuple(speeds)
@@ -95,30 +92,30 @@ class HardwareWorld(World):
             outputs[BATTERY_STATE] = BatteryState(
                 header=header, voltage=_float32(voltage.volts), present=True
             )
-        return {"": outputs}
+        return outputs
 
-    def answer(self, call: Call[Any, Any], request: Message, robot: str) -> Message:
+    def answer(self, call: Call[Any, Any], request: Message) -> Message:
         """Return the robot's URDF, which physics generates.
 
         Raises:
             RefusedError: The extra of physics is not installed.
         """
-        return self._physics().answer(call, request, robot)
+        return self._physics().answer(call, request)
 
-    def files(self, robot: str) -> Mapping[str, Mapping[str, bytes]]:
+    def files(self) -> Mapping[str, Mapping[str, bytes]]:
         """Return the meshes that the URDF names."""
         try:
-            return self._physics().files(robot)
+            return self._physics().files()
         except RefusedError:
             return {}
 
-    def _physics(self) -> World:
+    def _physics(self) -> Node:
         if not is_installed("physics"):
             raise RefusedError("the description of the robot needs pip install 'mecazen[physics]'")
         sim = self.scenario.sim  # physics needs a tick of whole steps; the tick here is arbitrary
         within = replace(self.scenario.physics, dt_s=sim.tick_s / math.ceil(sim.tick_s / MAX_DT_S))
         physics = find("physics", {})
-        assert issubclass(physics, World)
+        assert issubclass(physics, Node)
         return physics(replace(self.scenario, physics=within))
 
     def diagnostics(self) -> Mapping[str, object]:
@@ -132,8 +129,6 @@ class HardwareWorld(World):
 
 class Motors(Node):
     """Sends the newest wheel command to the board, in each tick and when a new command comes."""
-
-    ROW = TABLE["motors"]
 
     def reset(self, seed: int) -> None:
         """Start with a new watchdog, without a command."""

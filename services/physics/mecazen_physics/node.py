@@ -9,7 +9,6 @@ import numpy as np
 from mecazen.config import Scenario
 from mecazen.errors import RefusedError
 from mecazen.geometry_batch import Floats
-from mecazen.graph import TABLE
 from mecazen.keys import (
     BATTERY_STATE,
     GROUND_TRUTH,
@@ -22,6 +21,8 @@ from mecazen.keys import (
     TARGET_SKELETON,
     Call,
     Topic,
+    call_of_robot,
+    of_robot,
 )
 from mecazen.limits import FASTEST_PERSON
 from mecazen.messages import (
@@ -40,7 +41,7 @@ from mecazen.messages import (
     TwistWithCovariance,
     Vector3,
 )
-from mecazen.node import Inputs, Outputs, Tick, World
+from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robot import WHEELS
 from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
@@ -57,10 +58,8 @@ NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
 TOO_FAR = f"farther from where they were than {FASTEST_PERSON:g} m/s take one"
 
 
-class PhysicsWorld(World):
+class PhysicsNode(Node):
     """Robots with every roller, and everything that they can touch."""
-
-    ROW = TABLE["physics"]
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
@@ -73,6 +72,7 @@ class PhysicsWorld(World):
                 build_urdf(part.robot, part.controller.base_frame_id)  # refuses a taken name
         self.has_legs = "skeleton" in scenario.sensor.features
         self.person_topic: Topic[Any] = TARGET_SKELETON if self.has_legs else TARGET_ODOM
+        self.calls = {call_of_robot(ROBOT_DESCRIPTION, name): name for name in self.parts}
         self.followed = {name: name or "target" for name in scenario.names}
         """The name of the person whom each robot follows."""
 
@@ -107,22 +107,29 @@ class PhysicsWorld(World):
         robots = [(part.robot, part.start.pose) for part in self.parts.values()]
         return Simulation(robots, self.config, self.scenario.world)
 
-    def step(self, tick: Tick, inputs: Mapping[str, Inputs]) -> Mapping[str, Outputs]:
-        """Simulate a control period; return the state of each robot at its end."""
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Simulate a control period with the outputs of the tick before; return the state after it.
+
+        At tick 0 the robots stand at their start poses.
+        """
         if tick.number > 0:
             commands = []
-            for name in self.parts:
-                heard = inputs[name]
-                if tick.number == 1 and (person := heard.get(TARGET_ODOM)) is not None:
+            for name, part in self.parts.items():
+                person = inputs.get(of_robot(TARGET_ODOM, name))
+                if tick.number == 1 and person is not None:
                     x, y, _ = person.pose.pose.to_planar()
-                    check_person(self.parts[name], name, x, y)
-                commands.append(self._command(name, heard))
-                self._place_followed(self.followed[name], heard)
-            self._place_walkers(next(iter(inputs.values())))
+                    check_person(part, name, x, y)
+                commands.append(self._command(name, inputs))
+                self._place_followed(name, inputs)
+            self._place_walkers(inputs)
             self.simulation.advance(commands, self.steps_per_tick)
-        return {name: self._outputs(name, tick) for name in self.robots}
+        outputs: dict[Topic[Any], Message] = {}
+        for name in self.parts:
+            for topic, message in self._sense(name, tick).items():
+                outputs[of_robot(topic, name)] = message
+        return outputs
 
-    def _outputs(self, name: str, tick: Tick) -> Outputs:
+    def _sense(self, name: str, tick: Tick) -> dict[Topic[Any], Message]:
         """Return a robot's joints, its true pose, and the measurements of its instruments."""
         state = self.robots[name].state
         outputs = _messages(self.robots[name], tick, self.encoders.get(name))
@@ -133,30 +140,32 @@ class PhysicsWorld(World):
 
     def _command(self, name: str, inputs: Inputs) -> WheelCommand:
         """Return the command for the motors; they brake if commands stop."""
-        joints, command = inputs.get(JOINT_COMMAND), None
+        topic = of_robot(JOINT_COMMAND, name)
+        joints, command = inputs.get(topic), None
         if joints is not None:
             try:
                 command = wheel_command(joints, self.parts[name].robot.wheels.joints)
             except RefusedError as refusal:
-                inputs.refuse(JOINT_COMMAND, str(refusal))
+                inputs.refuse(topic, str(refusal))
         speeds = self.robots[name].state.joint_velocity[: len(WHEELS)]
-        return self.watchdogs[name].command(command, inputs.age_s(JOINT_COMMAND), speeds)
+        return self.watchdogs[name].command(command, inputs.age_s(topic), speeds)
 
-    def _place_followed(self, name: str, inputs: Inputs) -> None:
+    def _place_followed(self, robot: str, inputs: Inputs) -> None:
         """Place a followed person as reported; the person stops if no sample comes."""
-        message = inputs.get(self.person_topic)
+        topic, name = of_robot(self.person_topic, robot), self.followed[robot]
+        message = inputs.get(topic)
         if message is None:
-            if inputs.age_s(self.person_topic) > self.config.watchdog_s:
+            if inputs.age_s(topic) > self.config.watchdog_s:
                 self._stop(name)
             return
         if self.has_legs and len(message.joints) != len(JOINTS):
-            inputs.refuse(TARGET_SKELETON, NEEDS_JOINTS)
+            inputs.refuse(topic, NEEDS_JOINTS)
             return
         reported = self._reported(name)
         pose = None if self.has_legs else message.pose.pose.to_planar()
         points = _positions(message.joints) if pose is None else np.array([pose[:2]])
-        if not reported.can_be_at(points, inputs.gap_s(self.person_topic)):
-            inputs.refuse(self.person_topic, TOO_FAR)
+        if not reported.can_be_at(points, inputs.gap_s(topic)):
+            inputs.refuse(topic, TOO_FAR)
         elif pose is None:
             time = message.header.stamp.ns / 1e9
             self._place(name, reported.with_joints(points, time, message.height))
@@ -173,26 +182,27 @@ class PhysicsWorld(World):
         followed = self.followed.values()
         walkers = [name for name in self.walking if name not in followed]
         if people is not None:
-            present = [one for one in people.persons if one.id not in followed]
-            if self.has_legs and any(len(one.joints) != len(JOINTS) for one in present):
+            present = [person for person in people.persons if person.id not in followed]
+            if self.has_legs and any(len(person.joints) != len(JOINTS) for person in present):
                 inputs.refuse(PEOPLE, NEEDS_JOINTS)
                 return
-            names = {one.id for one in present}
+            names = {person.id for person in present}
             for name in (name for name in walkers if name not in names):
                 del self.walking[name]
                 self.reported.pop(name, None)
                 self.simulation.remove_person(self.numbers[name])
-            for one in present:
-                self._place(one.id, self._walker(one, people))
+            for person in present:
+                self._place(person.id, self._walker(person, people))
         elif inputs.age_s(PEOPLE) > self.config.watchdog_s:
             for name in walkers:
                 self._stop(name)
 
-    def _walker(self, one: Person, people: People) -> MovingPerson:
+    def _walker(self, person: Person, people: People) -> MovingPerson:
         if not self.has_legs:
-            return MovingPerson.upright(one.pose.to_planar(), one.twist.to_planar())
+            return MovingPerson.upright(person.pose.to_planar(), person.twist.to_planar())
         time = people.header.stamp.ns / 1e9
-        return self._reported(one.id).with_joints(_positions(one.joints), time, one.height)
+        joints = _positions(person.joints)
+        return self._reported(person.id).with_joints(joints, time, person.height)
 
     def _reported(self, name: str) -> ReportedPerson:
         height = self.scenario.world.person.height_m
@@ -207,14 +217,14 @@ class PhysicsWorld(World):
         if name in self.walking:
             self._place(name, self.walking[name].standing())
 
-    def answer(self, call: Call[Any, Any], request: Message, robot: str) -> String:
+    def answer(self, call: Call[Any, Any], request: Message) -> String:
         """Return a robot's URDF."""
-        part = self.parts[robot]
+        part = self.parts[self.calls[call]]
         return String(data=build_urdf(part.robot, part.controller.base_frame_id))
 
-    def files(self, robot: str) -> Mapping[str, Mapping[str, bytes]]:
-        """Return the meshes that the URDF names."""
-        return {ROBOT_DESCRIPTION.key: meshes(self.parts[robot].robot)}
+    def files(self) -> Mapping[str, Mapping[str, bytes]]:
+        """Return the meshes that the URDFs name."""
+        return {call.key: meshes(self.parts[name].robot) for call, name in self.calls.items()}
 
     def diagnostics(self) -> dict[str, object]:
         """Return the positions of the robots."""

@@ -22,7 +22,7 @@ from mecazen.description import RobotDescription
 from mecazen.errors import UntrustedError
 from mecazen.explain import one_line
 from mecazen.files import MAX_BYTES, MAX_TOML_BYTES, open_regular, parse_toml
-from mecazen.graph import TABLE
+from mecazen.graph import NODES
 from mecazen.keys import TOPICS
 from mecazen.loading import from_tables, renamed_in, robots_in
 from mecazen.messages import Message, MessageT
@@ -236,7 +236,7 @@ class Recording:
         programs = tables["programs"] if isinstance(tables.get("programs"), dict) else {}
         if code:
             tables["programs"] = {name: of for name, of in programs.items() if name not in code}
-        optional = {*code, *programs.keys() - TABLE.keys(), *WITH_FILES}
+        optional = {*code, *programs.keys() - NODES.keys(), *WITH_FILES}
 
         def wanted(tables: dict[str, Any]) -> dict[str, Any]:
             return {

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import msgspec
 from mecazen.bus import LocalBus
 from mecazen.errors import ConfigError
-from mecazen.graph import GRAPH, TABLE
+from mecazen.graph import GRAPH, NODES, SERVICES
 from mecazen.keys import PARAMETERS
 from mecazen.messages import Message
 from mecazen.node import Node
-from mecazen.programs import classes
+from mecazen.programs import Kind, classes, find
 from mecazen.runtime.host import Host
 from mecazen.runtime.worker import Worker
 from mecazen.wire import NS_PER_S, Stamp, encode
@@ -107,30 +107,44 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
 def _make_worker(recording: Recording, run: int, program: str, robot: str, bus: LocalBus) -> Worker:
     """Return the nodes with their recorded configuration; raises as `recompute`."""
     scenario = recording.scenario(run)
-    kinds = classes(program, scenario)
-    if not all(issubclass(kind, Node) for kind in kinds.values()):
+    programs = scenario.programs
+    if program in SERVICES:
+        kinds = classes(program, scenario)
+    else:
+        kind = find(program, programs)
+        user = isinstance(kind, type) and ":" in program
+        kinds = {_place_of(kind) if user else program: kind}
+        programs = {**programs, **(dict.fromkeys(kinds, program) if user else {})}
+    place = next(iter(kinds))
+    name = NODES[place].part_of if place in NODES else place
+    is_world = any(row.owns_time for row in GRAPH if row.part_of == name)
+    if is_world or not all(issubclass(kind, Node) for kind in kinds.values()):
         raise ConfigError(
             f"{program}: is no node with recorded inputs; `mecazen simulate` runs the rest again"
         )
-    programs = scenario.programs
-    if ":" in program:
-        kinds = {kind.ROW.name: kind for kind in kinds.values() if issubclass(kind, Node)}
-        programs = {**programs, **dict.fromkeys(kinds, program)}
-    place = next(iter(kinds))
-    name = TABLE[place].part_of if place in TABLE else place
     if name not in scenario.services:
         raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
     recorded = msgspec.structs.replace(recording.scenario(run, name), programs=programs)
     return Worker(Host([(name, robot)], bus, recorded, kinds))
 
 
+def _place_of(kind: Kind) -> str:
+    """Return the name of the node whose place a user class takes."""
+    row = kind.ROW if issubclass(kind, Node) else None
+    if row is not None:
+        return row.name
+    return next(name for name in NODES if is_installed(name) and issubclass(kind, find(name, {})))
+
+
 def _recompute_run(
     recording: Recording, samples: Sequence[Sample], worker: Worker, bus: LocalBus
 ) -> Comparison:
     """Feed a service with its inputs among the samples and compare its outputs."""
-    turns = [hosted.turn for hosted in worker.host.hosted]
-    topics = {bus.key_of(need.on_bus): need.on_bus for turn in turns for need in turn.needs}
-    outputs = {bus.key_of(on_bus): on_bus for turn in turns for _, on_bus, _ in turn.gives}
+    turns = worker.host.loop.turns
+    inputs = [slot.on_bus for turn in turns for slot in turn.slots]
+    topics = {bus.key_of(topic): topic for topic in inputs}
+    given = [output.on_bus for turn in turns for output in turn.outputs.values()]
+    outputs = {bus.key_of(topic): topic for topic in given}
     topics |= {**outputs, PARAMETERS.key: PARAMETERS}
     recorded: dict[str, Outputs] = {key: [] for key in outputs}
     recomputed: dict[str, Outputs] = {key: [] for key in outputs}

@@ -8,7 +8,6 @@ from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import Floats
-from mecazen.graph import TABLE
 from mecazen.keys import CAMERA_INFO, DEPTH, GROUND_TRUTH, PEOPLE, SCAN, SKELETONS, TARGET_SKELETON
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.skeleton import JOINTS
@@ -23,6 +22,9 @@ from mecazen_sensors.tracker import Tracker
 class _Sensor(Node):
     """A sensor on the robot that sees people, other robots, obstacles and the ground."""
 
+    key: ClassVar[str]
+    """The sensor's section of the scenario."""
+
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.own = scenario.robot_name or "target"
@@ -31,7 +33,6 @@ class _Sensor(Node):
         self.scene = Scene(scenario.world, self.robots)
         self.around = m.People()
         """All people and robots, as last received."""
-        self.key = f"sensors.{self.ROW.name}"
         self.period = scenario.ticks_per(f"{self.key}.rate_hz")
         self._check_captures(self.period)
 
@@ -77,7 +78,7 @@ class _Sensor(Node):
 class LidarNode(_Sensor):
     """Scans the surroundings."""
 
-    ROW = TABLE["lidar"]
+    key = "sensors.lidar"
 
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""
@@ -94,7 +95,7 @@ class LidarNode(_Sensor):
 class TrackerNode(_Sensor):
     """Tracks the joints of persons."""
 
-    ROW = TABLE["tracker"]
+    key = "sensors.tracker"
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
@@ -120,7 +121,7 @@ class TrackerNode(_Sensor):
 class DepthNode(_Sensor):
     """Captures depth images."""
 
-    ROW = TABLE["depth"]
+    key = "sensors.depth"
 
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""

@@ -9,7 +9,6 @@ from mecazen import messages as m
 from mecazen.config import Scenario, people
 from mecazen.errors import ConfigError
 from mecazen.geometry import rotate
-from mecazen.graph import TABLE
 from mecazen.keys import (
     GROUND_TRUTH,
     OBSERVATION,
@@ -35,8 +34,6 @@ BODY_STREAM = 2
 
 class TargetNode(Node):
     """The person walks a path, or is driven by `target/cmd_vel`."""
-
-    ROW = TABLE["target"]
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)

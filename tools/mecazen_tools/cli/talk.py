@@ -18,7 +18,7 @@ from mecazen.graph import GRAPH, Graph
 from mecazen.keys import TOPICS, resolve, topic_of
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
-from mecazen.plan import compile_plan
+from mecazen.loop import turns_of
 from mecazen.programs import graph_of
 from mecazen.text import printable, unknown_fields
 from mecazen.wire import JSON_ENCODING, STAMPED, RefusedError, decode
@@ -70,11 +70,9 @@ def graph(
             for service in process.services
             for row in nodes.services[service]
         }
-        turns = [turn.row.name for turn in compile_plan(loaded, nodes).turns]
-        # the owner of time begins each tick; observers take no turn
-        first = [row.name for row in nodes.rows if row.owns_time]
-        last = [row.name for row in nodes.rows if row.observes]
-        order = list(dict.fromkeys([*first, *turns, *last]))
+        turns = [turn.row.name for turn in turns_of(loaded, nodes)]
+        last = [row.name for row in nodes.rows if row.observes]  # observers take no turn
+        order = list(dict.fromkeys([*turns, *last]))
     table = Table("node", "takes", "gives, answers?", show_lines=True)
     for name in order:
         row = nodes.row(name)

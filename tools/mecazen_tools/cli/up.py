@@ -25,7 +25,7 @@ from mecazen.config.viewer import ViewerConfig
 from mecazen.errors import BusError, ConfigError
 from mecazen.extras import is_installed
 from mecazen.files import to_value
-from mecazen.graph import GRAPH, OBSERVERS, WORLDS, services
+from mecazen.graph import OBSERVERS, WORLDS, rows, services
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.programs import graph_of, refuse_missing
 from mecazen.robots import join_key
@@ -282,12 +282,11 @@ def _work(process: str, scenario: Scenario) -> str:
     """Return a summary of a process from the nodes of its services."""
     if process == "router":
         return "connects processes and tools"
-    features = scenario.features
-    table = services(row for row in GRAPH if row.within(features) is not None)
-    rows = [row for part in process.split("+") for row in table.get(part) or (Row(part),)]
+    known = services(rows(scenario.features))
+    nodes = [row for part in process.split("+") for row in known.get(part) or (Row(part),)]
     if "+" in process:
-        return ", ".join(row.name for row in rows)
-    return "; ".join(scenario.programs.get(row.name, row.summary) for row in rows)
+        return ", ".join(row.name for row in nodes)
+    return "; ".join(scenario.programs.get(row.name, row.summary) for row in nodes)
 
 
 def _introduce(console: Console, scenario: Scenario, given: str, pids: Mapping[str, int]) -> None:

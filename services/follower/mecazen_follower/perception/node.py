@@ -6,7 +6,6 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.covariance import ros_covariance
 from mecazen.geometry import Pose2D
-from mecazen.graph import TABLE
 from mecazen.keys import LEGS, OBSERVATION, SCAN, SKELETONS
 from mecazen.node import Inputs, Node, Outputs, Tick
 
@@ -16,8 +15,6 @@ from mecazen_follower.perception.legs import persons, things_of
 
 class Body(Node):
     """Finds position and heading of persons from the visible joints."""
-
-    ROW = TABLE["body"]
 
     def reset(self, seed: int) -> None:
         """Do nothing: frames are independent."""
@@ -44,8 +41,6 @@ class Body(Node):
 
 class Legs(Node):
     """Finds persons by their legs in a scan."""
-
-    ROW = TABLE["legs"]
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)

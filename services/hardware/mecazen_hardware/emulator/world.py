@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mecazen.config import Scenario
-from mecazen.graph import TABLE
+from mecazen.graph import GRAPH
 from mecazen.keys import GROUND_TRUTH, IMU, JOINT_COMMAND, JOINT_STATES, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import Header, Imu, JointState, Message, Odometry
@@ -114,7 +114,7 @@ class EmulatedWorld:
         bus.subscribe(JOINT_STATES, self._on_joints)
         bus.subscribe(GROUND_TRUTH, self._on_truth)
         bus.subscribe(IMU, self._on_imu)
-        for row in TABLE.values():
+        for row in GRAPH:
             if row.part_of in ("physics", *SENSED) and not row.owns_time:
                 for topic in (topic for topic in row.outputs if topic not in HIDDEN):
                     bus.subscribe(topic, self._noting(topic))
