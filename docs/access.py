@@ -9,7 +9,7 @@ from typing import Any
 from mecazen import keys
 from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
-from mecazen.graph import GRAPH, rows, services
+from mecazen.graph import GRAPH, SERVICES, rows, services
 from mecazen.row import Row
 from mecazen.runtime.pace import EVERY, RECORD, receipts
 from mecazen.runtime.readiness import READY
@@ -44,7 +44,7 @@ ANYONE, ROUTER = "anyone", "router"
 def secure_json5() -> str:
     """Return the whole configuration file."""
     rules = list(_rules())
-    names = (ROUTER, *services(), OPERATOR)
+    names = (ROUTER, *SERVICES, OPERATOR)
     subjects = [{"id": ANYONE}, *({"id": name, "cert_common_names": [name]} for name in names)]
     policies = [
         {"subjects": [name], "rules": [rule["id"] for who, rule in rules if who == name]}
@@ -78,7 +78,7 @@ def access_table() -> str:
                 [t.key for row in rows for t in (*row.outputs, *_handed_on(row))],
                 _plain([call for row in rows for call in row.calls]),
             )
-            for service, rows in services().items()
+            for service, rows in services(GRAPH).items()
         ),
         _line(OPERATOR, [topic.key for topic in keys.TOPICS if topic.open], [], _plain(rules)),
         _line("each service", ["diagnostics/<its name>", receipts("<its name>").key]),

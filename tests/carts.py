@@ -5,10 +5,10 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.graph import TABLE
 from mecazen.keys import of_robot
 from mecazen.messages import JointState, Odometry, String, planar_odometry
-from mecazen.node import World
+from mecazen.node import Node
+from mecazen.robots import join_key
 from mecazen.runtime.clock import Clock
 from mecazen.runtime.host import Host
 from mecazen.wire import RefusedError
@@ -18,32 +18,37 @@ ALONE = ("physics",)
 STATES = (keys.CLOCK, keys.JOINT_STATES, keys.GROUND_TRUTH)
 
 
-class Carts(World):
+class Carts(Node):
     """Each robot goes at the speed of the newest command that is not backwards."""
-
-    ROW = TABLE["physics"]
 
     def reset(self, seed):
         self.x, self.speed = dict.fromkeys(self.scenario.names, 0.0), {}
 
     def step(self, tick, inputs):
-        for name, given in inputs.items():
-            command = given.get(keys.JOINT_COMMAND)
+        for name in self.x:
+            topic = of_robot(keys.JOINT_COMMAND, name)
+            command = inputs.get(topic)
             if command and command.velocity < (0.0,):
-                given.refuse(keys.JOINT_COMMAND, "backwards")
+                inputs.refuse(topic, "backwards")
             elif command:
                 self.speed[name] = command.velocity[0]
-            self.age_s = given.age_s(keys.JOINT_COMMAND)
-            self.x[name] += self.speed.get(name, 0.0) * tick.period_s
-        return {name: state(tick, Pose2D(x=x)) for name, x in self.x.items()}
+            self.age_s = inputs.age_s(topic)
+            self.x[name] += self.speed.get(name, 0.0) * tick.period_s * bool(tick.number)
+        return {
+            of_robot(topic, name): message
+            for name, x in self.x.items()
+            for topic, message in state(tick, Pose2D(x=x)).items()
+        }
 
-    def answer(self, call, request, robot):
+    def answer(self, call, request):
+        robot = call.key.rpartition("/")[0]
         if robot == "two":
             raise RefusedError("shy")
         return String(data=f"<robot {robot}>")
 
-    def files(self, robot):
-        return {"robot_description": {"cart.stl": robot.encode()}}
+    def files(self):
+        names = self.scenario.names
+        return {join_key("robot_description", n): {"cart.stl": n.encode()} for n in names}
 
     def diagnostics(self):
         return {"age_s": self.age_s}
@@ -68,7 +73,7 @@ class Rig:
         )
         self.bus = LocalBus()
         self.clock = Clock(Host([("physics", "")], self.bus, self.scenario, {"physics": kind}))
-        self.world = self.clock.host.hosted[0].node
+        self.world = self.clock.host.loop.turns[1].running
         self.heard = {
             name: Listener(self.bus, *(of_robot(topic, name) for topic in STATES))
             for name in self.scenario.names

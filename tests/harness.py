@@ -218,7 +218,7 @@ class Rig:
         self.scenario = scenario
         self.bus = LocalBus()
         host = Host([(service, "")], self.bus, scenario, kinds)
-        self.driver = Worker(host) if host.world is None else Clock(host)
+        self.driver = Worker(host) if host.clock is None else Clock(host)
         self.heard = Listener(self.bus, *topics)
         self.health = Listener(self.bus, keys.diagnostics(service))
         self._publishers: dict[Topic[Any], Any] = {}
@@ -235,7 +235,7 @@ class Rig:
     @property
     def node(self) -> Any:
         """The first of its nodes."""
-        return self.driver.host.hosted[0].node
+        return self.driver.host.loop.turns[0].running
 
     def take(self) -> list[Sample]:
         while isinstance(self.driver, Worker) and self.driver.step():

@@ -15,8 +15,10 @@ from mecazen.keys import Topic
 from mecazen.row import Row, due, every, latest
 
 SIMULATED = frozenset(
-    ("pose", "skeleton", "tracker", "body", "lidar", "legs", "depth", "imu", "battery")
-    + ("guard", "goal", "planner", "truth")
+    [
+        *("pose", "skeleton", "tracker", "body", "lidar", "legs", "depth", "imu", "battery"),
+        *("guard", "goal", "planner", "truth"),
+    ]
 )
 """All features of simulated scenarios; see `Scenario.features`."""
 REAL = frozenset(("hardware", "guard"))
@@ -132,7 +134,7 @@ def rows(features: Set[str]) -> tuple[Row, ...]:
                 priority=2,
             )
         )
-    seen = [keys.OBSERVATION, keys.LEGS]
+    seen: list[Topic[Any]] = [keys.OBSERVATION, keys.LEGS]
     if "planner" in features:
         seen.append(keys.SCAN)
     nodes.append(
@@ -162,7 +164,7 @@ def rows(features: Set[str]) -> tuple[Row, ...]:
 
 
 def _physics(features: Set[str]) -> Row:
-    rates = {}
+    rates: dict[Topic[Any], str] = {}
     if "imu" in features:
         rates[keys.IMU] = "sensors.imu.rate_hz"
     if "battery" in features:
@@ -219,7 +221,7 @@ def _target(features: Set[str]) -> Row:
     inputs = [every(keys.GROUND_TRUTH), latest(keys.TARGET_CMD_VEL)]
     if "goal" in features:
         inputs.append(due(keys.PEOPLE, before=True))
-    rates = {}
+    rates: dict[Topic[Any], str] = {}
     if "skeleton" in features:
         rates[keys.TARGET_SKELETON] = "sensors.skeleton_rate_hz"
     if "pose" in features:
@@ -322,8 +324,8 @@ class Graph:
         self._robots = frozenset(robots) - {""}
         self._givers: dict[str, Row] = {}
         for row in self.rows:
-            for entry in (*row.outputs, *row.calls):
-                self._givers.setdefault(entry.key, row)
+            for key in row.gives:
+                self._givers.setdefault(key, row)
 
     @property
     def services(self) -> dict[str, tuple[Row, ...]]:

@@ -91,15 +91,9 @@ class Slot:
         self.newest = tick
         self.count += 1
 
-    def take(self, k: int) -> None:
-        """Take the samples that the step of tick `k` uses."""
-        newest, waiting = k - self.lag, self.waiting
-        while waiting and waiting[0][1] <= newest:
-            _, tick, message = waiting.popleft()
-            self.tick = max(self.tick, tick)
-            if message is not None:
-                self.message, self.is_fresh, self.due = message, True, tick + self.lag
-        self.awaited = None
+    def expect(self, k: int) -> None:
+        """Determine the sample that the step of tick `k` waits for: the newest that is due."""
+        self.awaited, newest = None, k - self.lag
         if self.rule != "latest" and newest >= 0:
             due = newest - newest % self.period
             before = newest - 1 if self.last is None else self.last - self.lag
@@ -108,7 +102,19 @@ class Slot:
     @property
     def is_missing(self) -> bool:
         """Whether neither the awaited sample nor a later one has arrived."""
-        return self.awaited is not None and self.tick < self.awaited and not self.waiting
+        awaited = self.awaited
+        if awaited is None or self.tick >= awaited:
+            return False
+        return all(tick < awaited for _, tick, _ in self.waiting)
+
+    def take(self, k: int) -> None:
+        """Take the samples that the step of tick `k` uses."""
+        newest, waiting = k - self.lag, self.waiting
+        while waiting and waiting[0][1] <= newest:
+            _, tick, message = waiting.popleft()
+            self.tick = max(self.tick, tick)
+            if message is not None:
+                self.message, self.is_fresh, self.due = message, True, tick + self.lag
 
 
 class Output(NamedTuple):
@@ -144,7 +150,7 @@ class Turn:
         for i in row.inputs:
             for name in ("",) if i.topic.shared or i.topic is CLOCK else names:
                 slot = Slot(known(i.topic, name), of_robot(i.topic, name), i, i.rule)
-                slot.period, slot.keeps_all = period(i.topic), is_lockstep
+                slot.period = period(i.topic)
                 if i.rule == "latest" and is_lockstep and graph.giver(i.topic.key) is not None:
                     slot.rule = "due"  # so that results do not depend on the order of arrival
                 self.slots.append(slot)
@@ -283,7 +289,7 @@ def turns_of(scenario: Scenario, graph: Graph) -> tuple[Turn, ...]:
         for robot in (("",) if row.shared else scenario.names)
     ]
     givers = {output.on_bus.key: turn for turn in turns for output in turn.outputs.values()}
-    order: TopologicalSorter[Turn] = TopologicalSorter({turn: () for turn in turns})
+    order: TopologicalSorter[Turn] = TopologicalSorter(dict.fromkeys(turns, ()))
     for turn in turns:
         for slot in turn.slots:
             slot.giver = givers.get(slot.on_bus.key)
@@ -348,12 +354,12 @@ class Loop:
             if not turn.period or k % turn.period:
                 continue
             for slot in turn.remote:
-                slot.take(k)
+                slot.expect(k)
                 if slot.is_missing:
                     if not wait(slot):
                         return
-                    slot.take(k)
                     slot.late += slot.is_missing
+                slot.take(k)
             if turn.is_triggered(k):
                 self._step(turn, k, stamp)
             else:
@@ -364,7 +370,7 @@ class Loop:
         for turn in self.turns:
             if turn.period and not k % turn.period:
                 for slot in turn.remote:
-                    slot.take(k)
+                    slot.expect(k)
                     if slot.is_missing:
                         return True
         return False

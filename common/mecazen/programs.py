@@ -188,10 +188,10 @@ def _row(row: Row, scenario: Scenario, kinds: Mapping[str, Kind]) -> Row:
 def _refuse_two_givers(graph: Graph) -> None:
     givers: dict[str, Row] = {}
     for row in graph.rows:
-        for entry in (*row.outputs, *row.calls):
-            giver = givers.setdefault(entry.key, row)
+        for key in row.gives:
+            giver = givers.setdefault(key, row)
             if giver is not row:
-                raise ConfigError(f"{giver.name} and {row.name} both give {entry.key}")
+                raise ConfigError(f"{giver.name} and {row.name} both give {key}")
 
 
 def _refuse_silent_places(graph: Graph, scenario: Scenario) -> None:
@@ -240,8 +240,8 @@ def _refuse_bypass(graph: Graph) -> None:
 
 def _refuse_taken_keys(scenario: Scenario, graph: Graph) -> None:
     """Refuse a renamed key or a robot's name that another topic or a query has."""
-    entries = (*TOPICS, *graph.topics, *CALLS, *(call for row in graph.rows for call in row.calls))
-    known = {entry.key for entry in entries}
+    known = {topic.key for topic in (*TOPICS, *graph.topics)} | {call.key for call in CALLS}
+    known |= {key for row in graph.rows for key in row.gives}
     for robot in scenario.names:
         controller = scenario.of(robot).controller
         for name, topic in (("command_key", CMD_VEL), ("odometry_key", ODOM)):
@@ -258,9 +258,10 @@ def _refuse_taken_keys(scenario: Scenario, graph: Graph) -> None:
 
 def _check_user_row(row: Row, program: str) -> None:
     """Refuse the row of a user node that can't work."""
-    known = {entry.key: entry for entry in (*TOPICS, *CALLS)}
-    entries: list[Topic[Any] | Call[Any, Any]] = [i.topic for i in row.inputs]
-    for entry in (*entries, *row.outputs, *row.calls):
+    entries: list[Topic[Any] | Call[Any, Any]] = [*TOPICS, *CALLS]
+    known = {entry.key: entry for entry in entries}
+    entries = [*(i.topic for i in row.inputs), *row.outputs, *row.calls]
+    for entry in entries:
         if known.get(entry.key) is entry:
             continue
         if not re.fullmatch("[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", entry.key):

@@ -113,6 +113,11 @@ class Row:
         """Name of the service that the node is part of."""
         return self.service or self.name
 
+    @property
+    def gives(self) -> tuple[str, ...]:
+        """The keys of its outputs and of the queries that it answers."""
+        return *(topic.key for topic in self.outputs), *(call.key for call in self.calls)
+
     def placed(self, place: Row) -> Row:
         """Return this row of a class with the name, service and role of a row of the table."""
         return replace(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mecazen.graph import NODES
 from mecazen.keys import Topic
 from mecazen.messages import Float, Message
 from mecazen.node import Inputs, Outputs, Tick
@@ -35,7 +36,7 @@ WAYS = Topic("follower/ways", Ways, "ways between which the planner has chosen")
 class PlanningFollower(FollowerNode):
     """The follower with its planner, which publishes the planner's paths."""
 
-    ROW = replace(FollowerNode.ROW, outputs=(*FollowerNode.ROW.outputs, WAYS))
+    ROW = replace(NODES["follower"], outputs=(*NODES["follower"].outputs, WAYS))
 
     def reset(self, seed: int) -> None:
         """Begin a run."""

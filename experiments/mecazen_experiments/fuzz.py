@@ -28,7 +28,7 @@ from mecazen.keys import (
 )
 from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.loading import from_tables
-from mecazen.node import Inputs, Outputs, Tick, World
+from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.skeleton import INDEX, SIDES
 from mecazen.ticks import ROUNDING_S

@@ -14,8 +14,8 @@ from mecazen.geometry import Pose2D
 from mecazen.keys import call_of_robot
 from mecazen.loading import from_tables, to_toml
 from mecazen.messages import Clock, Empty, ResetRequest, SpeedRequest, StepRequest, Time, Twist
-from mecazen.node import World
-from mecazen.row import Row, every
+from mecazen.node import Node
+from mecazen.row import Row, due, every
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
@@ -184,7 +184,7 @@ def test_health_comes_once_a_second_with_the_words_of_the_world():
     assert [message.header.stamp for message in said] == [Time(second) for second in range(3)]
     # no real-time factor before the first second
     expected = {"mode": "lockstep", "missed_deadlines": "0", "paused": "False"}
-    expected |= {"age_s": "inf", "refused_payloads": "0"}
+    expected |= {"age_s": "inf", "missed_ticks": "0", "refused_payloads": "0"}
     assert {value.key: value.value for value in said[0].status[0].values} == expected
     later = {value.key: value.value for value in said[1].status[0].values}
     assert {"hz/joint_command", "age_s/target/odom"} <= later.keys()
@@ -243,11 +243,13 @@ def test_at_twice_the_speed_a_tick_takes_half_the_time_and_lockstep_has_none(wal
         Rig(ALONE).bus.call(keys.SIM_SPEED, SpeedRequest(speed=4.0))
 
 
-class Playback(World):
+class Playback(Node):
     """A recording as a world: it waits for the follower and obeys no command."""
 
     ROW = Row(
-        "playback", inputs=(every(keys.CMD_VEL),), outputs=(keys.JOINT_STATES, keys.GROUND_TRUTH)
+        "playback",
+        inputs=(every(keys.CLOCK), due(keys.CMD_VEL, before=True)),
+        outputs=(keys.JOINT_STATES, keys.GROUND_TRUTH),
     )
     POSES = (Pose2D(), Pose2D(1.0, 0.5), Pose2D(2.0, 1.0, 0.5))
 
@@ -255,7 +257,7 @@ class Playback(World):
         self.poses = dict(enumerate(self.POSES))
 
     def step(self, tick, inputs):
-        return {"": state(tick, self.poses[tick.number])}
+        return state(tick, self.poses[tick.number])
 
 
 def test_a_recording_as_a_world_waits_for_whom_its_row_names():

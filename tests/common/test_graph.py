@@ -3,24 +3,22 @@
 from collections import Counter
 from typing import get_args, get_type_hints
 
-import msgspec
 import pytest
 from mecazen import keys
 from mecazen.config import Scenario, SensorConfig, with_guard
-from mecazen.errors import ConfigError
-from mecazen.graph import GRAPH, OBSERVERS, SERVICES, SHARED, TABLE, Graph
+from mecazen.graph import GRAPH, NODES, OBSERVERS, SERVICES, SHARED, Graph, rows, services
 from mecazen.keys import CMD_VEL, ODOM
-from mecazen.programs import graph_of
 from mecazen.row import Row, every
 
 GRAPH_OF_ALL = Graph(GRAPH)
 
 
 def test_names_are_unique_and_each_table_of_names_follows():
-    assert not [name for name, count in Counter(row.name for row in GRAPH).items() if count > 1]
+    counts = Counter((row.part_of, row.name) for row in GRAPH)
+    assert set(counts.values()) == {1}
     assert set(SERVICES) == {row.part_of for row in GRAPH}
     assert set(SERVICES) >= set(SHARED) >= set(OBSERVERS) > set()
-    assert set(TABLE) == {row.name for row in GRAPH}
+    assert set(NODES) == {row.name for row in GRAPH} - {"clock"}
 
 
 def test_every_input_is_given_by_a_node_or_anyone_may_give_it():
@@ -31,9 +29,9 @@ def test_every_input_is_given_by_a_node_or_anyone_may_give_it():
 @pytest.mark.parametrize("kind", get_args(get_type_hints(SensorConfig)["kind"]))
 def test_every_awaited_key_of_a_kind_of_sensor_has_one_giver(kind):
     features = with_guard(SensorConfig(kind=kind).features, enabled=True)
-    within = [row.within(features) for row in GRAPH]
-    givers = Counter(topic for row in within if row for topic in row.outputs)
-    awaited = {i.topic for row in within if row for i in row.inputs if i.rule == "every"}
+    nodes = rows(features)
+    givers = Counter(topic for row in nodes for topic in row.outputs)
+    awaited = {i.topic for row in nodes for i in row.inputs if i.rule == "every"}
     assert {givers[topic] for topic in awaited} == {1}
     assert max(givers.values()) == 1
     assert givers[keys.OBSERVATION] + givers[keys.LEGS] > 0
@@ -44,21 +42,16 @@ def test_every_key_of_the_tables_is_given_or_answered_once():
     anyone = {keys.EMERGENCY_STOP, keys.TARGET_CMD_VEL, keys.DIAGNOSTICS}
     assert set(keys.TOPICS) - given == anyone
     for left_out in ("physics", "hardware"):  # one of them takes the place of the other
-        rows = [row for row in GRAPH if row.part_of != left_out]
-        answered = Counter(call for row in rows for call in row.calls)
+        nodes = [row for row in GRAPH if row.part_of != left_out]
+        answered = Counter(call for row in nodes for call in row.calls)
         assert set(answered.values()) == {1}
         assert set(keys.CALLS) - set(answered) <= {keys.STOP_MOTORS, keys.RELEASE_MOTORS}
 
 
 def test_services_have_nodes_of_one_kind():
-    for rows in GRAPH_OF_ALL.services.values():
-        assert len({(row.observes, row.priority) for row in rows}) == 1
-        assert len({row.shared for row in rows if row.name != "motors"}) == 1
-
-
-def test_the_world_is_what_all_robots_share_in_the_service_that_owns_time():
-    worlds = {row.name for row in GRAPH if GRAPH_OF_ALL.is_world(row) and not row.owns_time}
-    assert worlds == {"physics", "hardware"}
+    for nodes in services(GRAPH).values():
+        assert len({(row.observes, row.priority) for row in nodes}) == 1
+        assert len({row.shared for row in nodes if row.name != "motors"}) == 1
 
 
 def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist():
@@ -68,11 +61,6 @@ def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist():
         for rate in row.rates.values():
             section, setting = str(rate).split(".")[:2]
             assert setting in sections[section].__struct_fields__
-
-
-def test_two_nodes_that_give_one_topic_are_refused():
-    with pytest.raises(ConfigError, match=r"^follower and mine both give cmd_vel$"):
-        Graph((*GRAPH, Row("mine", outputs=(CMD_VEL,))))
 
 
 @pytest.mark.parametrize(
@@ -95,20 +83,3 @@ def test_a_graph_that_goes_in_circles_has_rates():
     assert Graph((one, Row("two", (), (every(CMD_VEL),), (ODOM,)))).rate(ODOM.key) is None
     timed = Row("two", inputs=(every(CMD_VEL),), outputs=(ODOM,), rates={ODOM.key: 20.0})
     assert Graph((one, timed)).rate(CMD_VEL.key) == 20.0
-
-
-def test_nothing_is_due_of_a_topic_that_nobody_gives(scenario):
-    inputs = graph_of(scenario).row("controller").inputs
-    alone = graph_of(msgspec.structs.replace(scenario, services=("physics", "controller")))
-    assert graph_of(scenario).resolved(graph_of(scenario).row("controller")) == inputs
-    assert [i.rule for i in alone.resolved(alone.row("controller"))] == ["every", "latest"]
-    assert alone.giver(CMD_VEL.key) is None
-
-
-def test_in_lockstep_what_a_node_gives_is_due_and_never_the_latest():
-    driver = Row("driver", inputs=(every(ODOM),), outputs=(keys.TARGET_CMD_VEL,))
-    driven = Graph((*GRAPH, driver))
-    target = TABLE["target"].within(frozenset())
-    assert [i.rule for i in driven.resolved(target)] == ["every", "latest"]
-    assert [i.rule for i in driven.resolved(target, lockstep=True)] == ["every", "due"]
-    assert [i.rule for i in GRAPH_OF_ALL.resolved(target, lockstep=True)] == ["every", "latest"]

@@ -1,236 +1,274 @@
-"""The loop: turns in their order, the samples that a step takes, and what becomes of outputs."""
+"""The order of turns within a tick, the samples that a step takes, and what becomes of outputs."""
 
+import msgspec
 import pytest
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.config import ControllerConfig, RobotConfig, SensorConfig, SimConfig, StartConfig
+from mecazen.errors import ConfigError, NodeError, RefusedError, explaining
+from mecazen.geometry import Twist2D
+from mecazen.graph import Graph
 from mecazen.keys import Topic
-from mecazen.loop import AHEAD_AT_MOST, Loop, Runner, Slot
+from mecazen.loop import AHEAD_AT_MOST, Loop, Slot, Turn, awaited_services, turns_of
 from mecazen.messages import String
-from mecazen.plan import Need, Turn
-from mecazen.row import Row
+from mecazen.node import Node
+from mecazen.programs import graph_of
+from mecazen.row import Row, due, every, latest
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
-A, B, OUT = (Topic(key, String, "") for key in ("a", "b", "out"))
+LOCKSTEP = SimConfig(mode="lockstep")
+A, B = (Topic(key, String, "") for key in ("a", "b"))
 
 
-def at(tick: int) -> Stamp:
-    return Stamp(tick * TICK_NS, 1, 9)
+def turns_with(scenario, *more: Row, **changes) -> dict[str, Turn]:
+    """Return the turns of a scenario with further rows in its graph, by name and in order."""
+    changed = msgspec.structs.replace(scenario, **changes)
+    graph = Graph((*graph_of(changed).rows, *more), changed.names)
+    return {turn.name: turn for turn in turns_of(changed, graph)}
 
 
-def slot(topic, rule, giver=None, *, keeps_all=True, revises=False, period=1, lag=0) -> Slot:
-    """Return an input of a turn: of another process unless a turn of this one gives it."""
-    need = Need(topic, topic, "", rule, giver, period, lag, revises)
-    return Slot(need, is_remote=giver is None, keeps_all=keeps_all)
+def slot_of(turn: Turn, key: str) -> Slot:
+    return next(slot for slot in turn.slots if slot.on_bus.key == key)
 
 
-class Toy:
-    """A node that logs its steps and publishes given messages.
-
-    Args:
-        log: Where it writes: its name and the tick, and the messages that it has taken.
-        name: Its name; "world" is the world.
-        slots: Its inputs.
-        gives: What it gives on its topic, by tick; else its name.
-    """
-
-    def __init__(self, log, name, *slots, gives=None, period=1, output=OUT):
-        self.log, self.name, self.gives, self.output = log, name, gives or {}, output
-        self.refuses: Topic | None = None
-        self.ticks: list = []
-        self.published: list = []
-        turn = Turn(0, Row(name), "", period, tuple(s.need for s in slots), (), name == "world")
-        self.runner = Runner(turn, self, slots, TICK_NS)
-        self.feed()
-
-    def feed(self, *takers: Slot) -> None:
-        """Hand what it gives to slots of this process, beside those of others."""
-        self.runner.takers[self.output] = (takers, self._put)
-
-    def _put(self, message: String, stamp: Stamp) -> None:
-        self.published.append((message.data, stamp))
-
-    def reset(self, seed):
-        self.log.append(f"{self.name} reset {seed}")
-
-    def step(self, tick, inputs):
-        self.ticks.append((tick.number, tick.time_ns, tick.period_s))
-        self.ages = {topic.key: inputs.age_s(topic) for topic in (A, B)}
-        taken = sorted(message.data for message in inputs.samples.values())
-        self.log.append(f"{self.name}{tick.number} {' '.join(taken)}".strip())
-        if self.refuses is not None:
-            inputs.refuse(self.refuses, "no")
-        data = self.gives.get(tick.number, self.name)
-        return {} if data is None else {self.output: String(data=data)}
+def test_a_turn_comes_after_those_that_it_waits_for_and_the_clock_first(scenario):
+    for sim in (LOCKSTEP, SimConfig(mode="real_time")):
+        turns = turns_with(scenario, sim=sim, sensor=SensorConfig(kind="fused"))
+        order = list(turns)
+        assert order[0] == "clock"
+        for name, turn in turns.items():
+            for slot in turn.slots:
+                if slot.giver is not None and slot.rule != "latest":
+                    comes_before = order.index(slot.giver.name) < order.index(name)
+                    assert comes_before is not bool(slot.lag)
 
 
-def loop_of(*toys: Toy, refused=None) -> Loop:
-    refused = [] if refused is None else refused
-    return Loop(
-        [toy.runner for toy in toys], TICK_NS, lambda topic, why: refused.append((topic.key, why))
-    )
+def test_in_lockstep_the_latest_sample_of_a_node_is_waited_for(scenario):
+    first = Row("first", inputs=(every(keys.CLOCK),), outputs=(A,))
+    second = Row("second", inputs=(every(keys.CLOCK), latest(A)))
+    for mode, rule in (("real_time", "latest"), ("lockstep", "due")):
+        turns = turns_with(scenario, second, first, sim=SimConfig(mode=mode))
+        assert slot_of(turns["second"], "a").rule == rule
+    assert list(turns).index("first") < list(turns).index("second")
 
 
-def lacking(loop: Loop, tick: int) -> list[str]:
-    """Make a tick without waiting; return the keys of the samples that were lacking."""
-    return [one.need.topic.key for one in loop.step(tick, at(tick))]
+def test_nothing_waits_for_a_topic_that_no_node_gives(scenario):
+    turns = turns_with(scenario, services=("physics", "controller"), sim=LOCKSTEP)
+    assert slot_of(turns["controller"], "cmd_vel").rule == "latest"
+    assert slot_of(turns["physics"], "target/odom").rule == "latest"
+    assert slot_of(turns["physics"], "joint_command").rule == "due"
 
 
-def test_turns_are_taken_in_their_order_and_a_later_one_takes_what_an_earlier_one_gave():
-    log: list = []
-    taken = slot(OUT, "every", 0)
-    first, second = Toy(log, "x"), Toy(log, "y", taken, output=B)
-    first.feed(taken)
-    loop = loop_of(first, second)
-    for tick in range(2):
-        assert lacking(loop, tick) == []
-    assert log == ["x0", "y0 x", "x1", "y1 x"]
-    assert first.published == [("x", at(0)), ("x", at(1))]
-    assert loop.stamp == at(1)
-    assert (taken.count, taken.heard) == (2, 1)
+def test_a_turn_is_as_deep_as_the_chain_of_turns_that_it_waits_for(scenario):
+    turns = turns_with(scenario, sim=LOCKSTEP)
+    depths = {name: turn.depth() for name, turn in turns.items()}
+    expected = {"clock": 0, "physics": 1, "odometry": 2, "target": 2, "follower": 3}
+    assert depths == {**expected, "controller": 4}
 
 
-def test_the_world_takes_the_answers_to_the_tick_before():
-    log: list = []
-    answer, state = slot(B, "every", 1, lag=1), slot(OUT, "every", 0)
-    world, node = Toy(log, "world", answer), Toy(log, "n", state, gives={0: "n0", 1: "n1"})
-    node.output = B
-    world.feed(state)
-    node.runner.takers = {B: ((answer,), lambda *_: None)}
-    loop = loop_of(world, node)
-    for tick in range(3):
-        assert lacking(loop, tick) == []
-    assert log == ["world0", "n0 world", "world1 n0", "n1 world", "world2 n1", "n2 world"]
-    # nothing has been simulated at tick 0; a node's first period is the control period
-    assert [period for *_, period in world.ticks] == [0.0, 0.01, 0.01]
-    assert [period for *_, period in node.ticks] == [0.01, 0.01, 0.01]
+def test_nodes_that_wait_for_each_other_are_refused(scenario):
+    one = Row("one", inputs=(every(keys.CLOCK), latest(A)), outputs=(B,))
+    two = Row("two", inputs=(every(B),), outputs=(A,))
+    assert {"one", "two"} <= turns_with(scenario, one, two).keys()
+    circle = "(one waits for two waits for one|two waits for one waits for two): no step of theirs"
+    with pytest.raises(ConfigError, match=circle):
+        turns_with(scenario, one, two, sim=LOCKSTEP)
+    itself = Row("itself", inputs=(every(keys.CLOCK), due(A)), outputs=(A,))
+    with pytest.raises(ConfigError, match=r"^itself waits for itself: "):
+        turns_with(scenario, itself)
 
 
-def test_a_node_without_its_trigger_makes_no_step_and_the_missed_ones_are_counted():
-    log: list = []
-    one = slot(A, "every", 0)
-    source = Toy(log, "s", gives={1: None, 2: None}, output=A)
-    source.feed(one)
-    node = Toy(log, "n", one)
-    loop = loop_of(source, node)
-    for tick in range(4):
-        assert lacking(loop, tick) == []
-    assert [line for line in log if line[0] == "n"] == ["n0 s", "n3 s"]
-    assert node.ticks[-1] == (3, 3 * TICK_NS, 0.03)
-    assert node.runner.missed == 2
+def test_who_uses_the_sample_of_the_tick_before_comes_before_its_giver(scenario):
+    giver = Row("giver", inputs=(every(A),), outputs=(B,))
+    user = Row("user", inputs=(every(keys.CLOCK), due(B, before=True)), outputs=(A,))
+    for rows in ((giver, user), (user, giver)):
+        turns = list(turns_with(scenario, *rows, sim=LOCKSTEP))
+        assert turns.index("user") < turns.index("giver")
 
 
-def test_a_turn_of_every_third_tick_is_taken_in_these_ticks_only():
-    log: list = []
-    toy, never = Toy(log, "x", period=3), Toy(log, "never", period=0)
-    loop = loop_of(toy, never)
-    for tick in range(7):
-        assert lacking(loop, tick) == []
-    assert log == ["x0", "x3", "x6"]
-    assert [period for *_, period in toy.ticks] == [0.01, 0.03, 0.03]
-    assert toy.runner.missed == 0
+def test_a_turn_comes_when_all_samples_that_trigger_it_do(scenario):
+    tenth = Row("tenth", inputs=(every(keys.CLOCK),), outputs=(A,), rates={A.key: 10.0})
+    both = Row("both", inputs=(every(keys.ODOM), every(A)))
+    never = Row("never", inputs=(latest(keys.ODOM),))
+    slow = ControllerConfig(update_rate_hz=25.0)  # every 4th tick of 10 ms
+    turns = turns_with(scenario, tenth, both, never, controller=slow)
+    periods = {name: turn.period for name, turn in turns.items()}
+    assert [periods[name] for name in ("physics", "odometry", "controller")] == [1, 1, 1]
+    # samples of every 4th and of every 10th tick meet every 20th
+    assert (periods["follower"], periods["never"], periods["both"]) == (4, 0, 20)
+    assert turns["odometry"].outputs[keys.ODOM].period == 4
+    with pytest.raises(ConfigError, match=r"^controller.update_rate_hz = 30 must divide"):
+        turns_with(scenario, controller=ControllerConfig(update_rate_hz=30.0))
+
+
+def test_the_world_waits_for_no_listener(scenario):
+    listener = Row("listener", inputs=(every(keys.ODOM),))
+    driver = Row("driver", inputs=(every(keys.CLOCK),), outputs=(keys.TARGET_CMD_VEL,))
+    everyone = {"physics", "controller", "target", "follower"}
+    for mode, awaited in (("real_time", everyone), ("lockstep", everyone | {"driver"})):
+        turns = turns_with(scenario, listener, driver, sim=SimConfig(mode=mode))
+        assert awaited_services(turns.values()) == awaited
+
+
+def test_each_robot_has_its_turns_and_shared_nodes_see_all_by_name(scenario):
+    robots = (RobotConfig("one"), RobotConfig("two", start=StartConfig(y_m=2.0)))
+    turns = turns_with(scenario, robots=robots, services=("physics", "controller"))
+    assert turns.keys() == {
+        *("clock", "physics", "one/odometry", "two/odometry", "one/controller", "two/controller")
+    }
+    assert turns["two/odometry"].service == "two/controller"
+    keys_of = {slot.topic.key for slot in turns["physics"].slots}
+    assert {"one/joint_command", "two/joint_command"} <= keys_of
+    clocks = [topic.key for topic in turns["clock"].outputs]
+    assert clocks[:3] == ["clock", "one/clock", "two/clock"]
+    # a robot's own node knows its topics without the name
+    (states,) = turns["two/odometry"].slots
+    assert (states.topic, states.on_bus.key) == (keys.JOINT_STATES, "two/joint_states")
+    assert states.giver is turns["physics"]
 
 
 @pytest.mark.parametrize(
-    ("rule", "lacks", "steps", "late"),
-    [("every", ["a"], [], 1), ("due", ["a"], ["n0"], 1), ("latest", [], ["n0"], 0)],
+    ("rule", "period", "lag", "tick", "last", "awaited"),
+    [
+        (latest, 1, 0, 5, 4, None),
+        (every, 1, 0, 5, 4, 5),
+        (every, 1, 0, 0, None, 0),
+        # every 4th tick, by a step of every tick: awaited in its tick only
+        (due, 4, 0, 8, 7, 8),
+        (due, 4, 0, 9, 8, None),
+        # ... by a step that was not made in that tick: still awaited in the next one
+        (due, 4, 0, 9, 7, 8),
+        (due, 4, 0, 10, 5, 8),
+        # a node that joins late does not wait for what was due before
+        (due, 4, 0, 9, None, None),
+        (due, 4, 0, 8, None, 8),
+        # the world takes the answers to the tick before, and none in its first
+        (due, 1, 1, 0, None, None),
+        (due, 1, 1, 1, 0, 0),
+        (due, 4, 1, 5, 4, 4),
+        (due, 4, 1, 6, 5, None),
+    ],
 )
-def test_a_sample_of_another_process_is_asked_for_unless_the_latest_will_do(
-    rule, lacks, steps, late
+def test_a_step_waits_for_the_newest_sample_due_since_the_last_step(
+    rule, period, lag, tick, last, awaited
 ):
-    log: list = []
-    one = slot(A, rule)
-    assert lacking(loop_of(Toy(log, "n", one)), 0) == lacks
-    assert log == steps
-    assert one.late == late
+    row_input = due(A, before=True) if lag else rule(A)
+    slot = Slot(A, A, row_input, row_input.rule)
+    slot.period, slot.last = period, last
+    slot.expect(tick)
+    assert slot.awaited == awaited
+    assert slot.is_missing == (awaited is not None)
 
 
 def test_no_number_of_samples_ahead_fills_the_memory():
-    one = slot(A, "due")
+    slot = Slot(A, A, due(A), "due")
+    slot.keeps_all = True
     for tick in range(AHEAD_AT_MOST + 5):
-        one.receive(String(), at(tick), tick)
-    assert len(one.waiting) == AHEAD_AT_MOST
-    assert one.count == AHEAD_AT_MOST + 5
+        slot.receive(String(), Stamp(tick * TICK_NS, 1, 9), tick)
+    assert len(slot.waiting) == AHEAD_AT_MOST
+    assert slot.count == AHEAD_AT_MOST + 5
 
 
-def test_that_there_is_no_message_ends_the_wait_and_gives_none():
-    log: list = []
-    one = slot(A, "due")
-    one.receive(None, at(0), 0)
-    assert lacking(loop_of(Toy(log, "n", one)), 0) == []
-    assert log == ["n0"]
+class Toy(Node):
+    """Gives a command; the method with the name `fails_in` raises."""
+
+    fails_in = ""
+    outputs: object = {keys.CMD_VEL: m.Twist()}
+
+    def __init__(self, scenario):
+        super().__init__(scenario)
+        self.configured = 0
+        self.run("__init__")
+
+    def run(self, where):
+        if where == self.fails_in:
+            raise ZeroDivisionError("by\nzero")
+
+    def reset(self, seed):
+        self.run("reset")
+
+    def step(self, tick, inputs):
+        self.run("step")
+        return self.outputs
+
+    def configure(self, scenario):
+        super().configure(scenario)
+        self.configured += 1
+        self.run("configure")
 
 
-def test_a_newer_command_repeats_the_last_step_and_publishes_as_of_its_tick():
-    log: list = []
-    one = slot(A, "due", revises=True)
-    node = Toy(log, "n", one)
-    loop = loop_of(node)
-    loop.revise()  # before the first step there is nothing to repeat
-    one.receive(String(data="a0"), at(0), 0)
-    assert lacking(loop, 0) == []
-    loop.revise()  # nothing newer has come
-    one.receive(String(data="a0x"), at(0), 0)
-    loop.revise()
-    one.receive(String(data="a1"), at(1), 1)
-    loop.revise()  # the sample of the next tick waits for it
-    assert lacking(loop, 1) == []
-    assert log == ["n0 a0", "n0 a0x", "n1 a1"]
-    assert [period for *_, period in node.ticks] == [0.01, 0.0, 0.01]
-    assert node.published == [("n", at(0)), ("n", at(0)), ("n", at(1))]
-    assert node.runner.missed == 0
+@pytest.fixture
+def toy_turn(scenario):
+    """Return a turn of the toy as a node of the user or of ours, and its loop."""
+
+    def make(*, is_user):
+        programs = {"mine": "my.py:Toy"} if is_user else {}
+        changed = msgspec.structs.replace(scenario, programs=programs)
+        row = Row("mine", inputs=(every(keys.ODOM),), outputs=(keys.CMD_VEL,))
+        (turn,) = turns_of(changed, Graph((row,)))
+        turn.make(Toy, changed)
+        turn.puts[keys.CMD_VEL] = lambda *_: None
+        return turn, Loop([turn], TICK_NS, lambda *_: None)
+
+    return make
 
 
-def test_who_waits_is_promised_word_where_an_output_is_missing():
-    log: list = []
-    node = Toy(log, "n", slot(A, "every", 0), gives={2: None, 4: None})
-    promised: list = []
-    node.runner.promises = ((OUT, 2, promised.append),)
-    source = Toy(log, "s", gives={6: None}, output=A)
-    source.feed(*node.runner.slots)
-    loop = loop_of(source, node)
-    for tick in range(7):
-        assert lacking(loop, tick) == []
-    # it gives nothing at 2 and 4, and makes no step at 6; nothing is due at odd ticks
-    assert promised == [at(2), at(4), at(6)]
-    assert [stamp for _, stamp in node.published] == [at(0), at(1), at(3), at(5)]
+def step(turn, loop):
+    turn.slots[0].hand_over(m.Odometry(), 0)
+    loop.step(0, Stamp(0, 0, 0), lambda _: True)
 
 
-def test_a_refused_sample_is_reported_and_as_if_it_never_came():
-    log: list = []
-    one, other = slot(A, "latest"), slot(B, "latest")
-    node, refused = Toy(log, "n", one, other), []
-    loop = loop_of(node, refused=refused)
-    node.refuses = A
-    for each in (one, other):
-        each.give(String(), 0)
-    assert [lacking(loop, tick) for tick in (0, 1)] == [[], []]
-    assert refused[:1] == [("a", "no")]
-    assert node.ages == {"a": float("inf"), "b": 0.01}
+CALLS = {
+    "__init__": lambda *_: None,
+    "reset": lambda turn, _: turn.reset(1),
+    "step": step,
+    "configure": lambda turn, _: turn.configure(msgspec.structs.replace(turn.scenario, seed=9), 9),
+}
+"""A call of each method of a node."""
 
 
-def test_a_late_sample_is_as_old_as_the_step_that_it_was_meant_for():
-    log: list = []
-    late, of_the_tick_before = slot(A, "due", keeps_all=False), slot(B, "due", lag=1)
-    node = Toy(log, "n", late, of_the_tick_before)
-    loop = loop_of(node)
-    late.receive(String(), at(2), 2)
-    of_the_tick_before.receive(String(), at(3), 3)
-    list(loop.step(4, at(4)))
-    assert node.ages == {"a": 0.02, "b": 0.0}
-    list(loop.step(5, at(5)))
-    assert node.ages == {"a": 0.03, "b": 0.01}
+@pytest.mark.parametrize("where", CALLS)
+def test_a_mistake_in_a_user_node_is_one_line_with_its_place(toy_turn, monkeypatch, where):
+    monkeypatch.setattr(Toy, "fails_in", where)
+    line = rf"^mine: ZeroDivisionError: by zero \(.*test_loop.py:\d+ {where} > .*:\d+ run\)$"
+    with pytest.raises(NodeError, match=line):
+        CALLS[where](*toy_turn(is_user=True))
+    with pytest.raises(ZeroDivisionError):  # a mistake of ours has its traceback
+        CALLS[where](*toy_turn(is_user=False))
 
 
-def test_a_reset_leaves_nothing_of_the_run_before():
-    log: list = []
-    one = slot(A, "due", period=2)
-    node = Toy(log, "n", one)
-    loop = loop_of(node)
-    one.receive(String(data="old"), at(0), 0)
-    assert [lacking(loop, tick) for tick in (0, 3)] == [[], ["a"]]
-    one.receive(String(data="ahead"), at(8), 8)
-    node.runner.reset(4)
-    log.clear()
-    assert lacking(loop, 8) == ["a"]
-    assert log == ["n8"]
-    assert node.ages["a"] == float("inf")
-    assert node.ticks[-1][2] == 0.01
+@pytest.mark.parametrize("error", [ConfigError("no"), RefusedError("no"), NodeError("no")])
+def test_errors_that_explain_themselves_pass(error):
+    with pytest.raises(type(error), match=r"^no$"), explaining("mine"):
+        raise error
+
+
+@pytest.mark.parametrize(
+    ("outputs", "expected"),
+    [
+        ("stop", "mine: step must return a mapping of topics to messages, got str"),
+        ({keys.FOLLOWER_STATE: m.FollowerState()}, "mine gives follower/state, which is not"),
+        ({"cmd_vel": m.Twist()}, "mine: step returns 'cmd_vel', which is no topic"),
+        ({keys.CMD_VEL: m.Odometry()}, "mine: step returns cmd_vel as Odometry; it must be Twist"),
+        (
+            {keys.CMD_VEL: m.Twist.planar(Twist2D(x=float("nan")))},
+            "mine gives cmd_vel whose linear velocity nan is out of range",
+        ),
+    ],
+)
+def test_what_others_would_refuse_is_refused_from_a_user_node(
+    toy_turn, monkeypatch, outputs, expected
+):
+    step(*toy_turn(is_user=True))
+    monkeypatch.setattr(Toy, "outputs", outputs)
+    with pytest.raises(NodeError, match=f"^{expected}"):
+        step(*toy_turn(is_user=True))
+
+
+def test_a_node_is_configured_only_where_its_scenario_has_changed(toy_turn, scenario):
+    turn, _ = toy_turn(is_user=False)
+    for seed in (turn.scenario.seed, 9, 9):
+        turn.configure(msgspec.structs.replace(turn.scenario, seed=seed), 9)
+    assert turn.running.configured == 1
+    assert turn.running.scenario.seed == turn.scenario.seed == 9

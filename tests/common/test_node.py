@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 from mecazen.config import FollowerConfig
-from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, SIM_STATE, of_robot
+from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, SIM_STATE
 from mecazen.messages import Empty, Odometry, Time, Twist
 from mecazen.node import Inputs, Node, Tick
 
@@ -45,16 +45,6 @@ def test_a_refused_sample_is_as_old_as_the_one_before():
     assert (inputs.get(ODOM), inputs.age_s(ODOM)) == (None, 0.02)
     assert inputs.get(CMD_VEL) is not None
     assert len(given) == 2  # what others are given stays
-
-
-def test_inputs_of_a_robot_go_by_its_own_topics():
-    two = of_robot(ODOM, "two")
-    known, due = {two: 0, CMD_VEL: 0}, {two: 10_000_000, ODOM: 0}
-    inputs = Inputs({two: Odometry(), ODOM: Odometry()}, known, 20_000_000, due)
-    renamed = inputs.renamed({two: ODOM, of_robot(CMD_VEL, "two"): CMD_VEL})
-    assert [*renamed.samples] == [ODOM]
-    assert (renamed.gap_s(ODOM), renamed.gap_s(CMD_VEL)) == (0.02, math.inf)
-    assert renamed.age_s(ODOM) == 0.01
 
 
 def test_time_of_a_tick_for_headers():

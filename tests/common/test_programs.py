@@ -10,7 +10,7 @@ from harness import SCENARIOS, error_of
 from mecazen import keys, programs
 from mecazen.config import FollowerConfig, RobotConfig, Scenario, SensorConfig, SimConfig
 from mecazen.errors import ConfigError
-from mecazen.graph import GRAPH, TABLE
+from mecazen.graph import NODES
 from mecazen.keys import FOLLOWER_STATE, ODOM, TARGET_ODOM, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import String
@@ -21,8 +21,8 @@ from mecazen.row import due, every, latest
 NODE = """
 from mecazen.config import FollowerConfig
 from mecazen.row import Row, every, latest
-from mecazen.keys import CLOCK, CMD_VEL, GROUND_TRUTH, JOINT_STATES, ODOM, TARGET_CMD_VEL
-from mecazen.node import Node, World
+from mecazen.keys import CLOCK, CMD_VEL, ODOM, TARGET_CMD_VEL
+from mecazen.node import Node
 from mecazen.schema import Positive, Section
 
 
@@ -45,10 +45,6 @@ class More(FollowerConfig):
 
 class Gainer(Leader):
     SECTION = More
-
-
-class Earth(World):
-    ROW = Row("earth", outputs=(JOINT_STATES, GROUND_TRUTH))
 
 
 class Nowhere(Node):
@@ -76,7 +72,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_an_unknown_node_is_refused_with_the_names_of_all_nodes():
     text = error_of(ConfigError, lambda: find("physic", {}))
-    nodes = ", ".join(sorted(row.name for row in GRAPH if row.program))
+    nodes = ", ".join(sorted(row.name for row in NODES.values() if row.program))
     assert text == f"physic: no such node; nodes: {nodes}; or file.py:Class of your own"
 
 
@@ -102,7 +98,6 @@ def test_a_node_without_its_extra_is_refused_with_the_extra(monkeypatch):
         ("my.py:", "my.py:: no such class in my.py"),
         ("my.py:nowere", r"my.py:nowere: no such class in my.py; did you mean Nowhere\?"),
         ("my.py", "my.py: add the class, such as my.py:MyFollower"),
-        ("my.py:Nowhere", "my.py:Nowhere: needs ROW, its row of the graph"),
         ("my.py:Untyped", "my.py:Untyped: SECTION must be a subclass of mecazen.schema.Section"),
         ("not_there:Toy", "not_there: can't be imported: No module named 'not_there'"),
         ("json:JSONDecoder", "json:JSONDecoder: not a subclass of mecazen.node.Node"),
@@ -133,7 +128,7 @@ def test_a_class_of_ones_own_is_found_beside_the_scenario_and_takes_a_nodes_plac
     assert graph_of(scenario).row("follower").inputs == leader.ROW.inputs
     # where its file can't be imported, as in a container of another service, the table counts
     scenario.programs["follower"] = str(tmp_path / "elsewhere.py:Leader")
-    assert graph_of(scenario).row("follower") is TABLE["follower"]
+    assert graph_of(scenario).row("follower").inputs != leader.ROW.inputs
     assert graph_of(scenario, {"follower": leader}).row("follower").inputs == (every(ODOM),)
 
 
@@ -191,10 +186,13 @@ def test_a_name_that_means_something_else_is_no_nodes(write_scenario, name):
         load_scenario(write_scenario(), (f'programs={{"{name}"="{Path.cwd()}/my.py:Mine"}}',))
 
 
-def test_a_world_has_no_place_of_its_own(write_scenario):
-    scenario = load_scenario(write_scenario("[programs]\nearth = '../my.py:Earth'\n"))
-    with pytest.raises(ConfigError, match=r"^earth: a world or an observer takes the place of one"):
-        graph_of(scenario)
+def test_a_class_without_a_row_has_that_of_the_node_that_it_replaces_and_no_place_of_its_own(
+    write_scenario,
+):
+    scenario = load_scenario(write_scenario("programs.follower = '../my.py:Nowhere'\n"))
+    assert graph_of(scenario).row("follower").outputs == (FOLLOWER_STATE, keys.CMD_VEL)
+    with pytest.raises(ConfigError, match=r"my.py:Nowhere: needs ROW, its row of the graph"):
+        load_scenario(write_scenario("[programs]\nnowhere = '../my.py:Nowhere'\n"))
 
 
 @pytest.mark.parametrize(
@@ -223,8 +221,6 @@ def test_what_takes_a_place_must_give_what_others_wait_for(scenario, place, outp
     ("place", "program", "wanted"),
     [
         ("viewer", "Leader", "Observer"),
-        ("follower", "Earth", "Node"),
-        ("physics", "Leader", "World"),
     ],
 )
 def test_what_takes_a_place_is_of_its_kind(write_scenario, place, program, wanted):
@@ -268,7 +264,7 @@ def test_a_query_is_answered_by_one_node(scenario):
 def test_nodes_that_would_wait_for_each_other_are_refused(scenario, rule, mode):
     scenario = msgspec.structs.replace(scenario, sim=SimConfig(mode=mode))
     mine = Row("mine", inputs=(every(FOLLOWER_STATE),), outputs=(LOOP,))
-    loop = Row("follower", inputs=(every(ODOM), rule(LOOP)), outputs=TABLE["follower"].outputs)
+    loop = Row("follower", inputs=(every(ODOM), rule(LOOP)), outputs=NODES["follower"].outputs)
     with pytest.raises(
         ConfigError, match=r"(mine waits for follower|follower waits for mine) waits"
     ):

@@ -4,12 +4,14 @@ import re
 from types import SimpleNamespace
 
 import pytest
+from harness import load_robot
 from hypothesis import given
 from hypothesis import strategies as st
+from mecazen.config import Scenario, SimConfig
+from mecazen.graph import Graph
 from mecazen.keys import Topic
-from mecazen.loop import Loop, Runner, Slot
+from mecazen.loop import Loop, turns_of
 from mecazen.messages import String
-from mecazen.plan import Need, Turn
 from mecazen.row import Input, Row, due, every, latest
 from mecazen.runtime.worker import Worker
 from mecazen.wire import Stamp
@@ -24,16 +26,22 @@ class Toy:
     """A node whose inputs come from other processes; it writes down its steps."""
 
     def __init__(self, inputs, lockstep, **periods):
-        needs = [self._need(given, periods.get(given.topic.key, 1)) for given in inputs]
-        slots = [Slot(need, is_remote=True, keeps_all=lockstep) for need in needs]
-        triggers = [need.period for need in needs if need.rule == "every"]
-        period = max(triggers, default=0)  # whole multiples of each other, in these tests
-        turn = Turn(0, Row("toy"), "", period, tuple(needs), ())
-        self.slots = {slot.need.topic.key: slot for slot in slots}
-        self.runner = Runner(turn, self, slots, TICK_NS)
-        self.loop = Loop([self.runner], TICK_NS, lambda *_: None)
+        self.scenario = Scenario(
+            load_robot(), sim=SimConfig(mode="lockstep" if lockstep else "real_time")
+        )
+        topics = tuple(i.topic for i in inputs if i.topic is not L)
+        periods = {topic.key: periods.get(topic.key, 1) for topic in topics}
+        rates = {key: 100.0 / period for key, period in periods.items()}
+        giver = Row("giver", outputs=topics, rates=rates)
+        rows = (giver, Row("toy", inputs=tuple(inputs)))
+        turn = turns_of(self.scenario, Graph(rows))[-1]
+        turn.make(lambda _: self, self.scenario)
+        turn.remote = tuple(turn.slots)
+        for slot in turn.slots:
+            slot.keeps_all = True
+        self.slots = {slot.topic.key: slot for slot in turn.slots}
+        self.loop = Loop([turn], TICK_NS, lambda *_: None)
         self.steps = []
-        self.has_news = False
         bus = SimpleNamespace(spin_once=lambda *_: False, hears_itself=True)
         self.host = SimpleNamespace(
             loop=self.loop,
@@ -47,9 +55,6 @@ class Toy:
             report_if_due=lambda: None,
         )
         self.worker = Worker(self.host)
-
-    def _need(self, given, period):
-        return Need(given.topic, given.topic, "", given.rule, 1, period, 0, given.revises)
 
     def reset(self, seed):
         self.steps.append("reset")
@@ -65,7 +70,7 @@ class Toy:
         slot = self.slots[key]
         if tick is not None:
             slot.receive(String(data=data), Stamp(tick * TICK_NS, 1, 9), tick)
-        elif slot.need.rule != "every":
+        elif slot.rule != "every":
             slot.give(String(data=data), 0)
         while self.worker.step():
             pass

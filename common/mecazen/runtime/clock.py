@@ -152,7 +152,7 @@ class Clock:
     def _await_answers(self) -> None:
         """Deliver samples until the tick is answered (lockstep) or the next is due (real time)."""
         for slot in self.answers:
-            slot.take(self.tick + 1)
+            slot.expect(self.tick + 1)
         if not any(slot.is_remote and slot.awaited is not None for slot in self.answers):
             self.host.bus.drain()  # no wait below would deliver what has arrived
         self.host.revise()
@@ -171,8 +171,6 @@ class Clock:
     @property
     def _unanswered(self) -> list[Slot]:
         """The world's inputs that lack an answer to this tick."""
-        for slot in self.answers:
-            slot.take(self.tick + 1)
         return [slot for slot in self.answers if slot.is_missing]
 
     def _await_all(self) -> None:
@@ -190,7 +188,6 @@ class Clock:
         """Wait for a sample that a turn lacks; return False if a reset ends the tick."""
         begin_s = time.monotonic()
         while self.asked_reset is None:
-            slot.take(self.tick)
             if not slot.is_missing:
                 return True
             if self.lockstep:

@@ -244,6 +244,7 @@ class Host:
             turn.make(kind, self.scenario)
             for slot in turn.slots:
                 slot.is_remote = slot.giver not in turns
+                slot.keeps_all = self.lockstep or self.bus.hears_itself
                 self._slots_of.setdefault(slot.on_bus.key, []).append(slot)
             turn.remote = tuple(slot for slot in turn.slots if slot.is_remote)
         awaited = {

@@ -90,13 +90,12 @@ class Worker:
         """Wait for a sample that the tick in progress lacks; return False if a new run begins."""
         host, begin_s = self.host, time.monotonic()
         while host.next_run is None:
-            slot.take(self._last)
             if not slot.is_missing or self._is_over(self._last):
                 return True
             has_come = host.bus.spin_once(POLL_S)
-            if not has_come and host.lockstep:
-                if time.monotonic() - begin_s > host.patience_s(slot):
-                    raise host.silence_of(host.givers([slot]))
+            is_silent = time.monotonic() - begin_s > host.patience_s(slot)
+            if host.lockstep and is_silent and not has_come:
+                raise host.silence_of(host.givers([slot]))
         return False
 
     def _wait(self) -> bool:

@@ -15,7 +15,6 @@ from mecazen.keys import CMD_VEL, ODOM, PEOPLE, SCAN, Topic
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import imported
-from mecazen.runtime.nodes import mapping
 from mecazen.wire import NS_PER_S
 from mecazen_people.manners.walking import STEP_S
 
@@ -52,7 +51,7 @@ class NodePlanner:
             SCAN: _scan(tick, view),
         }
         outputs = self._node.step(tick, Inputs(samples, now_ns=tick.time_ns))
-        command = mapping("follower", outputs).get(CMD_VEL)
+        command = outputs.get(CMD_VEL)
         if isinstance(command, m.Twist):
             self._twist = command.to_planar()
         return self._twist.x, self._twist.yaw

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import msgspec
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, explaining
 from mecazen.files import read_bytes
 from mecazen.portable import Floats
-from mecazen.runtime.nodes import explaining
 from rich.table import Table
 
 from mecazen_experiments.config import Case

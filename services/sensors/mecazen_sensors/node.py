@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from mecazen import messages as m
 from mecazen.config import Scenario

@@ -17,8 +17,8 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import GRAPH, Graph
 from mecazen.keys import TOPICS, resolve, topic_of
 from mecazen.limits import refuse_implausible
-from mecazen.messages import Message
 from mecazen.loop import turns_of
+from mecazen.messages import Message
 from mecazen.programs import graph_of
 from mecazen.text import printable, unknown_fields
 from mecazen.wire import JSON_ENCODING, STAMPED, RefusedError, decode
