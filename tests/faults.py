@@ -17,7 +17,7 @@ from harness import COMMAND_GUARD_S, Newest, command, options, wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.loading import load_scenario, scenario_path
+from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.messages import Odometry
 from mecazen.wire import Stamp
 from mecazen_tools.processes import private_router
@@ -131,7 +131,7 @@ class Up(AbstractContextManager["Up"]):
 
     def __init__(self, scenario: str, *settings: str, restart: bool = True) -> None:
         self.settings = (*settings, *private_router())
-        self.scenario = load_scenario(scenario_path(scenario), self.settings)
+        self.scenario = load_scenario(scenario_path(scenario), parse_settings(self.settings))
         how = [*(["--restart"] if restart else []), "--no-viewer", *options(self.settings)]
         self.process = subprocess.Popen(
             **command(["up", scenario, *how]), stdout=subprocess.DEVNULL

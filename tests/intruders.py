@@ -15,7 +15,7 @@ from hostile import Put
 from mecazen import keys
 from mecazen.bus.base import decode_sample
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, RefusedError, decode, encode
 from mecazen_recorder.reader import Recording
@@ -56,10 +56,10 @@ Good = Mapping[str, Sequence[Message]]
 def sample_messages(folder: Path) -> Good:
     """Record a run; return messages of each key, a default one where nothing is published."""
     file = folder / "good.mcap"
-    scenario = load_scenario(SCENARIOS / "back.toml", ("sim.duration_s=1.0",))
+    scenario = load_scenario(SCENARIOS / "back.toml", {"sim.duration_s": 1.0})
     services = str([*scenario.services, "recorder"]).replace("'", '"')
     settings = ("sim.duration_s=1.0", f"services={services}", f'recorder.file="{file}"')
-    simulate(load_scenario(SCENARIOS / "back.toml", settings), "back")
+    simulate(load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), "back")
     topics = {topic.key: topic for topic in keys.TOPICS if "*" not in topic.key}
     topics |= {(of := keys.diagnostics(part)).key: of for part in scenario.services}
     good: dict[str, list[Message]] = {key: [] for key in topics}

@@ -7,7 +7,7 @@ from harness import wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import ResetRequest
 from mecazen.robots import join_key
 from mecazen.runtime.pace import Receipts
@@ -21,7 +21,7 @@ class Stack:
     def __init__(self, path: Path, settings: tuple[str, ...]) -> None:
         secure = any(setting.startswith("bus.keys=") for setting in settings)
         self.settings = (*settings, *private_router("tls" if secure else "tcp"))
-        self.scenario: Scenario = load_scenario(path, self.settings)
+        self.scenario: Scenario = load_scenario(path, parse_settings(self.settings))
         self.supervisor = Supervisor(path, self.settings)
         self.supervisor.start_router()
         self.bus = ZenohBus(self.scenario.bus)

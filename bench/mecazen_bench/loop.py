@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from statistics import median
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from mecazen import keys
 from mecazen.config import Scenario
 from mecazen.files import to_value
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import StepRequest
 from mecazen.programs import classes
 from mecazen_tools.processes import beside_that_core, on_one_core
@@ -50,15 +50,15 @@ Way = tuple[Callable[[int], object], Callable[[], float]]
 
 def run(blocks: int = BLOCKS, duration_s: float = DURATION_S) -> list[Group]:
     """Run the scenario `back` in one and several processes, and profile the nodes of a tick."""
-    return [_ways(blocks), _parts("back", (f"sim.duration_s={duration_s}",))]
+    return [_ways(blocks), _parts("back", {"sim.duration_s": duration_s})]
 
 
 def run_senses(duration_s: float = DURATION_S) -> list[Group]:
     """Run the scenario `back` with each kind of sensor, and profile a tick of the costliest."""
-    settings = (f"sim.duration_s={duration_s}",)
     factors = {}
     for kind in KINDS:
-        scenario = load_scenario(SCENARIOS / "back.toml", (*settings, f"sensor.kind={kind}"))
+        settings = {"sim.duration_s": duration_s, "sensor.kind": kind}
+        scenario = load_scenario(SCENARIOS / "back.toml", settings)
         factors[kind] = simulate(scenario, "back")[0].rtf
     rows = {
         kind: {
@@ -68,19 +68,23 @@ def run_senses(duration_s: float = DURATION_S) -> list[Group]:
         for kind, factor in factors.items()
     }
     how = f"in one process; {duration_s:g} s"
-    fused = _parts("back", (*settings, "sensor.kind=fused"), ", sensor fused")
+    fused = _parts("back", {"sim.duration_s": duration_s, "sensor.kind": "fused"}, ", sensor fused")
     return [Group("Kinds of sensor: scenario back", how, rows), fused]
 
 
 def run_safety(duration_s: float = DURATION_S) -> list[Group]:
     """Profile a tick of the scenario `crowd` beside the person, with guard and planner."""
-    settings = ("follower.view='side_left'", "follower.planner={}", f"sim.duration_s={duration_s}")
+    settings = {
+        "follower.view": "side_left",
+        "follower.planner": {},
+        "sim.duration_s": duration_s,
+    }
     return [_parts("crowd", settings, ", with planner")]
 
 
 def _ways(blocks: int) -> Group:
     """Execute blocks of ticks in one process and in several, in turns, and compare them."""
-    scenario = load_scenario(SCENARIOS / "back.toml", ENDLESS)
+    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(ENDLESS))
     wall_s: dict[str, list[float]] = {}
     spent: dict[str, list[float]] = {}
     with ExitStack() as exits:
@@ -140,7 +144,7 @@ def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
         )
 
 
-def _parts(name: str, settings: tuple[str, ...], variant: str = "") -> Group:
+def _parts(name: str, settings: Mapping[str, Any], variant: str = "") -> Group:
     """Measure the steps of each node in a tick of a scenario."""
     scenario = load_scenario(SCENARIOS / f"{name}.toml", settings)
     with ExitStack() as stack:

@@ -18,7 +18,7 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Clock, Odometry
 from mecazen.wire import NS_PER_S, Stamp
 from mecazen_tools.processes import private_router
@@ -70,7 +70,7 @@ def _receive(scenario: Scenario, seconds: float) -> tuple[float, list[float]]:
 def run(window_s: float = WINDOW_S) -> list[Group]:
     """Run the scenario `back` as a user does, without the viewer."""
     settings = private_router()
-    scenario = load_scenario(SCENARIOS / "back.toml", settings)
+    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
     with ProcessPoolExecutor(1, get_context("spawn"), set_priority) as receiver:
         receiver.submit(os.getpid).result()  # exclude the receiver's start
         begin = time.monotonic()

@@ -11,7 +11,7 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config.recorder import Encoding
 from mecazen.keys import topic_of
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Message
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.replay import publish
@@ -36,7 +36,7 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
             'services=["physics", "controller", "target", "follower", "recorder"]',
             f'recorder.file="{file}"',
         )
-        simulate(load_scenario(SCENARIOS / "back.toml", settings), "back")
+        simulate(load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), "back")
         recording = Recording(file)
         rows = {
             f"{way}, {encoding}": measure(recording, encoding)

@@ -15,7 +15,7 @@ from mecazen.bus import Bus
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty
 from mecazen.robot import Robot
 from mecazen.robots import join_key
@@ -31,7 +31,7 @@ START_S = 90.0
 
 def robot(name: str) -> Robot:
     """Return the robot of `configs/robots/<name>.toml`."""
-    return load_scenario(SCENARIOS / "back.toml", (f"robot={name}",)).robot
+    return load_scenario(SCENARIOS / "back.toml", {"robot": name}).robot
 
 
 class Stack(NamedTuple):
@@ -54,7 +54,7 @@ def running(
     """Run a router and a scenario's services, or some of them, isolated from any other run."""
     path = SCENARIOS / f"{name}.toml"
     settings = (*settings, *private_router())
-    scenario = load_scenario(path, settings)
+    scenario = load_scenario(path, parse_settings(settings))
     supervisor = Supervisor(path, settings)
     try:
         supervisor.start_router()

@@ -12,7 +12,13 @@ import sys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
-from mecazen.loading import SCENARIO_VARIABLE, SETTINGS_VARIABLE, load_bus, scenario_path
+from mecazen.loading import (
+    SCENARIO_VARIABLE,
+    SETTINGS_VARIABLE,
+    load_bus,
+    parse_settings,
+    scenario_path,
+)
 
 ROUTER = "router"
 
@@ -48,8 +54,8 @@ def main() -> None:
     name = options.service
     try:
         path = scenario_path(os.environ.get(SCENARIO_VARIABLE, ""))
-        settings = os.environ.get(SETTINGS_VARIABLE, "").split()
-        print(f"{name}: {health(name, load_bus(path, tuple(settings)).within(options.robot))}")
+        settings = parse_settings(os.environ.get(SETTINGS_VARIABLE, "").split())
+        print(f"{name}: {health(name, load_bus(path, settings).within(options.robot))}")
     except MecazenError as error:
         print(f"error: {error}")
         sys.exit(1)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Integral, Real
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -84,23 +86,47 @@ def named_file(name: str, kind: str, where: str = "") -> Path:
     )
 
 
-def load_scenario(path: Path, overrides: tuple[str, ...] = ()) -> Scenario:
+def load_scenario(path: Path, settings: Mapping[str, Any] = {}) -> Scenario:
     """Load a scenario file and check all of it.
 
-    A path is relative to the file that contains it, and in an override to the working directory.
+    A path is relative to the file that contains it, and in a setting to the working directory.
 
     Args:
         path: The TOML file.
-        overrides: `key.path=value` each, the value in TOML; a bare word is a string.
+        settings: Values that replace those of the file, by key: `{"sim.tick_s": 0.02}`.
 
     Raises:
         ConfigError: One line with the file, the key and the allowed values.
     """
-    return from_tables(read_toml(path), path, overrides)
+    return from_tables(read_toml(path), path, settings)
+
+
+def with_settings(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
+    """Return a scenario with other settings, as `load_scenario` takes them.
+
+    Raises:
+        ConfigError: One line with the key and the allowed values.
+    """
+    return from_tables(effective(scenario), Path("scenario"), settings)
+
+
+def parse_settings(overrides: Iterable[str]) -> dict[str, Any]:
+    """Return settings by key from texts `key.path=value`, as `--set` takes them.
+
+    A value is in TOML; a bare word is a string.
+
+    Raises:
+        ConfigError: A text is no such setting.
+    """
+    return dict(_parse_override(override) for override in overrides)
 
 
 def from_tables(
-    raw: dict[str, Any], path: Path, overrides: tuple[str, ...] = (), *, opens_files: bool = True
+    raw: dict[str, Any],
+    path: Path,
+    settings: Mapping[str, Any] = {},
+    *,
+    opens_files: bool = True,
 ) -> Scenario:
     """Check the tables of a scenario, as `load_scenario` does; `path` is the file that has them.
 
@@ -108,7 +134,7 @@ def from_tables(
         ConfigError: One line with the file, the key and the allowed values.
         UntrustedError: The tables name a file, and `opens_files` is false.
     """
-    settings = dict(_parse_override(override) for override in overrides)
+    settings = _plain(settings)
     given = _strings(list(settings.values()))
     origin = _Origin(path, settings=tuple(settings), given=given, opens_files=opens_files)
     if not opens_files:
@@ -279,14 +305,14 @@ def _laid_over(below: Any, above: Any) -> Any:
     return below | {key: _laid_over(below.get(key), value) for key, value in above.items()}
 
 
-def load_bus(path: Path, overrides: tuple[str, ...] = ()) -> BusConfig:
+def load_bus(path: Path, settings: Mapping[str, Any] = {}) -> BusConfig:
     """Load only the section `[bus]`: no service's code is imported.
 
     Raises:
         ConfigError: One line with the file, the key and the allowed values.
     """
     raw = {"bus": read_toml(path).get("bus", {})}
-    settings = dict(_parse_override(override) for override in overrides)
+    settings = _plain(settings)
     for key, value in settings.items():
         if key.partition(".")[0] == "bus":
             _override(raw, key, value)
@@ -354,6 +380,29 @@ def _without_none(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_without_none(item) for item in value]
     return value
+
+
+def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with values as in TOML: paths as strings, NumPy's numbers as Python's."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, PathLike):
+            return fspath(value)
+        if isinstance(value, Integral):
+            return int(value)
+        if isinstance(value, Real):
+            return float(value)
+        raise TypeError
+
+    tables = {}
+    for key, value in settings.items():
+        try:
+            tables[key] = msgspec.to_builtins(value, enc_hook=plain)
+        except (TypeError, ValueError, RecursionError):
+            raise ConfigError(
+                one_line(f"{key}: got {show(value)}; TOML has no such value")
+            ) from None
+    return tables
 
 
 def _parse_override(override: str) -> tuple[str, Any]:

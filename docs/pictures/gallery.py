@@ -135,7 +135,7 @@ def places(file: Path) -> None:
     files = sorted(folder.glob("*.toml"))
     pictures = []
     for world in files:
-        config = load_scenario(scenario_path("back"), (f'world="{world}"',)).world
+        config = load_scenario(scenario_path("back"), {"world": world}).world
         corners = np.array([solid.position_m for solid in config.solids])
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, size = 0.5 * (low + high), high - low

@@ -45,7 +45,7 @@ class Contact(NamedTuple):
 
 def draw(file: Path) -> None:
     """Draw a robot that accelerates to its left."""
-    robot = load_scenario(scenario_path("back"), ()).robot
+    robot = load_scenario(scenario_path("back")).robot
     simulation = accelerated(robot)
     state = simulation.robots[0].state
     pose = Pose2D(state.position[0], state.position[1], state.yaw)

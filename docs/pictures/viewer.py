@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mecazen.config import Process
 from mecazen.keys import FOLLOWER_STATE, JOINT_STATES
-from mecazen.loading import load_scenario, scenario_path
+from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.robot import WHEELS
 from mecazen_experiments.run import observe
 from mecazen_experiments.scores import deviations
@@ -68,7 +68,10 @@ def _shown(scenario: str, at_s: float) -> Iterator[ViewerClient]:
     try:
         supervisor.start_router()
         with headless_viewer(*WINDOW_PX) as viewer:
-            for process in (*load_scenario(path, settings).process_plan, Process(("viewer",))):
+            for process in (
+                *load_scenario(path, parse_settings(settings)).process_plan,
+                Process(("viewer",)),
+            ):
                 supervisor.start(process)
             while (line := supervisor.poll(START_S)) is not None and not line.is_address:
                 pass
@@ -99,7 +102,7 @@ def _view(viewer: ViewerClient, name: str, size: tuple[int, int]) -> Image.Image
 
 def _plots(scenario: str, at_s: float) -> Image.Image:
     """Return plots of the same run in one process: errors, and speeds of the wheels."""
-    loaded = load_scenario(scenario_path(scenario), (f"sim.duration_s={at_s}",))
+    loaded = load_scenario(scenario_path(scenario), {"sim.duration_s": at_s})
     run = observe(loaded, FOLLOWER_STATE, JOINT_STATES)
     distance, _, yaw = deviations(run.table, loaded.follower.standoff)
     states, joints = run.samples[FOLLOWER_STATE.key], run.samples[JOINT_STATES.key]

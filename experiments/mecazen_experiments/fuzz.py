@@ -27,7 +27,7 @@ from mecazen.keys import (
     TARGET_SKELETON,
 )
 from mecazen.kinematics import MecanumKinematics, WheelSpeeds
-from mecazen.loading import from_tables
+from mecazen.loading import from_tables, parse_settings
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.skeleton import INDEX, SIDES
@@ -250,7 +250,7 @@ def _scenario(seed: int, random: np.random.Generator, file: Path, settings: Sett
         "world": {"obstacles": obstacles},
         "target": {"path": {"kind": "driven", "x_m": person.x, "y_m": person.y}},
     }
-    return from_tables(tables, file, settings)
+    return from_tables(tables, file, parse_settings(settings))
 
 
 class _Rider:

@@ -23,7 +23,7 @@ from mecazen.config.people import Recorded
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import read_bytes, to_value
 from mecazen.geometry import Pose2D
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.schema import Output
 from mecazen_people.paths import make_path
 from mecazen_tools import files
@@ -62,7 +62,7 @@ class Job(msgspec.Struct, frozen=True):
 
     def load(self) -> Scenario:
         """Return the scenario to simulate."""
-        return load_scenario(self.scenario, self.settings)
+        return load_scenario(self.scenario, parse_settings(self.settings))
 
     def __str__(self) -> str:
         walk = f" / {self.walk}" if self.walk else ""
@@ -138,7 +138,7 @@ def _filling(case: Case, settings: Settings, others: Settings) -> Callable[[int]
     if not any("$" in one for one in settings):
         return lambda _: settings
     plain = [one for one in settings if "$" not in one]
-    standoff = load_scenario(case.scenario, (*plain, *others)).follower.standoff
+    standoff = load_scenario(case.scenario, parse_settings((*plain, *others))).follower.standoff
     x, y, _ = standoff.goal(Pose2D())
     bearing_deg, yaw_deg = math.degrees(standoff.bearing), math.degrees(standoff.heading)
     place = {"bearing_deg": bearing_deg, "x_m": x, "y_m": y, "yaw_deg": yaw_deg}
@@ -160,7 +160,7 @@ def jobs_of(
     row: str, file: Path, settings: Settings, seeds: Sequence[int], walks: Sequence[Path] = ()
 ) -> list[Job]:
     """Return a job for each seed, and for each walk if the scenario has a recorded walk."""
-    scenario = load_scenario(file, settings)
+    scenario = load_scenario(file, parse_settings(settings))
     variants: Iterable[tuple[str | None, Settings, str]]
     if walks and isinstance(scenario.target.path, Recorded):
         variants = [_with_walk(file, settings, walk) for walk in walks]
@@ -176,7 +176,7 @@ def jobs_of(
 def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Settings, str]:
     """Return the walk's name, the settings with it and its duration, and their fingerprint."""
     settings = (*settings, f"target.path.file={msgspec.json.encode(str(walk.resolve())).decode()}")
-    loaded = load_scenario(scenario, settings)
+    loaded = load_scenario(scenario, parse_settings(settings))
     path = loaded.target.path
     assert isinstance(path, Recorded)
     try:
@@ -186,7 +186,7 @@ def _with_walk(scenario: Path, settings: Settings, walk: Path) -> tuple[str, Set
     # rounding errors do not make the run a tick longer
     ticks = math.ceil(end_s / loaded.sim.tick_s - 1e-6)
     settings = (*settings, f"sim.duration_s={ticks * loaded.sim.tick_s!r}")
-    return walk.stem, settings, fingerprint(load_scenario(scenario, settings))
+    return walk.stem, settings, fingerprint(load_scenario(scenario, parse_settings(settings)))
 
 
 def fingerprint(scenario: Scenario) -> str:

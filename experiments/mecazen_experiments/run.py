@@ -16,7 +16,7 @@ from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import to_value
 from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_tools.simulate import InProcess, result
 
 from mecazen_experiments.jobs import Job, check_version
@@ -115,5 +115,5 @@ def film(job: Job, folder: Path) -> Path:
         f"services={to_value([*job.load().services, 'recorder'])}",
         f"recorder.file={to_value(str(file))}",
     )
-    observe(load_scenario(job.scenario, (*job.settings, *recorded)))
+    observe(load_scenario(job.scenario, parse_settings((*job.settings, *recorded))))
     return file

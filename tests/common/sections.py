@@ -7,7 +7,7 @@ import msgspec
 from harness import error_of, load_robot
 from mecazen.config import scenario as config
 from mecazen.errors import ConfigError
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.schema import AngleDeg, Live, Positive, Section
 
 TOY = """
@@ -43,7 +43,7 @@ class ToyNode(Node):
 
 def problem(path: Path, *overrides: str) -> str:
     """Return the error of a scenario, as one line without the test's folder."""
-    text = error_of(ConfigError, lambda: load_scenario(path, overrides))
+    text = error_of(ConfigError, lambda: load_scenario(path, parse_settings(overrides)))
     return text.replace(f"{path.parents[1]}/", "")
 
 

@@ -9,7 +9,7 @@ from common.sections import problem
 from mecazen.config import BusConfig, ControllerConfig, SensorsConfig, SimConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.schema import Folder
 
 WALKERS = "[{path={kind='standing',x_m=3.0},body={shuffle={}}}]"
@@ -37,7 +37,7 @@ def test_processes_meet_at_the_usual_port_unless_something_else_is_said():
 def test_a_body_that_no_sensor_sees_is_refused(write_scenario, setting):
     path = write_scenario()
     assert "no sensor sees how a body walks; sensor.kind = 'body'" in problem(path, setting)
-    assert load_scenario(path, (setting, 'sensor.also=["lidar"]'))
+    assert load_scenario(path, parse_settings((setting, 'sensor.also=["lidar"]')))
 
 
 def test_a_robots_namespace_is_within_that_of_the_run():

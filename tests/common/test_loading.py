@@ -10,7 +10,7 @@ from common.sections import TOY, problem
 from harness import ROOT, SCENARIOS, error_of
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.loading import effective, load_scenario, scenario_path, to_toml
+from mecazen.loading import effective, load_scenario, parse_settings, scenario_path, to_toml
 from mecazen.robot import Payload
 
 NUMBER_OF_TICKS = "a number >= 0.001 and <= 1"
@@ -78,7 +78,7 @@ def test_a_scenario_changes_some_of_a_robot_file(write_scenario):
     path = write_scenario(robot=f'robot = {{ file = "../robots/nexus.toml", {payload} }}\n')
     robot = load_scenario(path).robot
     assert robot.payload == Payload(mass_kg=2.0, position_m=(0.0, 0.1, 0.3))
-    assert load_scenario(path, ("robot.payload.mass_kg=3",)).robot.payload.mass_kg == 3.0
+    assert load_scenario(path, {"robot.payload.mass_kg": 3}).robot.payload.mass_kg == 3.0
     assert msgspec.structs.replace(robot, payload=None) == load_scenario(write_scenario()).robot
 
 
@@ -107,7 +107,7 @@ def test_a_folder_or_a_pipe_in_the_place_of_a_scenario_is_called_so(tmp_path, mo
 def test_an_override_is_taken_as_toml_and_a_bare_word_as_a_string(
     write_scenario, override, read, expected
 ):
-    assert read(load_scenario(write_scenario(), (override,))) == expected
+    assert read(load_scenario(write_scenario(), parse_settings((override,)))) == expected
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_an_override_is_taken_as_toml_and_a_bare_word_as_a_string(
 def test_a_saved_configuration_allows_another_choice(tmp_path, scenario, settings):
     path = tmp_path / "saved.toml"
     path.write_text(to_toml(load_scenario(scenario_path(scenario))))
-    loaded = load_scenario(path, settings)
+    loaded = load_scenario(path, parse_settings(settings))
     key, _, value = settings[-1].partition("=")
     kept = effective(loaded)
     for name in key.split("."):
@@ -135,10 +135,10 @@ def test_a_saved_configuration_allows_another_choice(tmp_path, scenario, setting
 
 def test_another_kind_keeps_common_keys_of_the_file(write_scenario):
     path = write_scenario("[target.path]\nkind = 'u_track'\nspeed_m_s = 0.7\nlength_m = 4.0\n")
-    loaded = load_scenario(path, ("target.path.kind=circle",)).target.path
+    loaded = load_scenario(path, {"target.path.kind": "circle"}).target.path
     assert (loaded.speed_m_s, type(loaded).__name__) == (0.7, "Circle")
     with pytest.raises(ConfigError, match="linear_gain_1_s"):
-        load_scenario(path, ("follower.control.linear_gain_1_s=1", "follower.control.kind=pid"))
+        load_scenario(path, {"follower.control.linear_gain_1_s": 1, "follower.control.kind": "pid"})
 
 
 def test_paths_are_relative_to_the_scenario_wherever_it_is_started(
@@ -199,7 +199,7 @@ def test_a_path_of_the_command_line_is_relative_to_the_working_directory(
             (folder / file).touch()
     monkeypatch.chdir(here)
     assert load_scenario(path).target.path.file == path.parent / "walk.csv"
-    assert read(load_scenario(path, (override,))) == here / name
+    assert read(load_scenario(path, parse_settings((override,)))) == here / name
     if name == "keys":
         (here / "keys").rmdir()
         assert "here/keys: no such folder" in problem(path, override)
@@ -212,7 +212,7 @@ def test_robot_world_and_map_of_the_command_line_are_relative_to_the_working_dir
     (tmp_path / "mine.toml").write_text((ROOT / "configs/robots/artbul.toml").read_text())
     (tmp_path / "place.toml").write_text("ground_friction = 0.5\n")
     monkeypatch.chdir(tmp_path)
-    loaded = load_scenario(path, ("robot=mine.toml", "world=place.toml"))
+    loaded = load_scenario(path, {"robot": "mine.toml", "world": "place.toml"})
     assert (loaded.robot.name, loaded.world.ground_friction) == ("artbul", 0.5)
     assert problem(path, "world.map=none.yaml").startswith("none.yaml: can't be read")
 
@@ -250,7 +250,7 @@ def test_a_service_that_the_sensor_needs_is_added_to_those_that_are_listed(write
     listed = "services = ['physics', 'controller', 'target', 'follower']\n"
     path = write_scenario(f"{listed}sensor.kind = 'fused'\n")
     assert load_scenario(path).services[-2:] == ("sensors", "guard")
-    assert load_scenario(path, ("sensor.kind=pose",)).services[-1] == "follower"
+    assert load_scenario(path, {"sensor.kind": "pose"}).services[-1] == "follower"
 
 
 def test_robots_of_one_world_have_the_same_kind_of_sensor(write_scenario):

@@ -64,7 +64,7 @@ def test_a_world_names_its_occupancy_image_beside_itself(tmp_path):
 
 def test_an_override_names_an_occupancy_image_as_well(tmp_path):
     text = map_of(tmp_path, ASCII)
-    scenario = load_scenario(ROOT / "configs/scenarios/back.toml", (f"world.map={text}",))
+    scenario = load_scenario(ROOT / "configs/scenarios/back.toml", {"world.map": text})
     assert len(scenario.world.solids) == 2
 
 

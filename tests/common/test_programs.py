@@ -12,7 +12,7 @@ from mecazen.config import FollowerConfig, RobotConfig, Scenario, SensorConfig, 
 from mecazen.errors import ConfigError
 from mecazen.graph import NODES
 from mecazen.keys import FOLLOWER_STATE, ODOM, TARGET_ODOM, Topic
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import String
 from mecazen.node import Node, Row
 from mecazen.programs import classes, find, graph_of
@@ -183,7 +183,9 @@ def test_where_services_name_it_a_program_takes_part_once(write_scenario):
 @pytest.mark.parametrize("name", ["clock", "collector", "router", "sim", "a/b", "a+b", "é", ""])
 def test_a_name_that_means_something_else_is_no_nodes(write_scenario, name):
     with pytest.raises(ConfigError, match=re.escape(f"programs: {name!r} can't be")):
-        load_scenario(write_scenario(), (f'programs={{"{name}"="{Path.cwd()}/my.py:Mine"}}',))
+        load_scenario(
+            write_scenario(), parse_settings((f'programs={{"{name}"="{Path.cwd()}/my.py:Mine"}}',))
+        )
 
 
 def test_a_class_without_a_row_has_that_of_the_node_that_it_replaces_and_no_place_of_its_own(
@@ -283,7 +285,7 @@ def test_a_controller_of_ones_own_does_not_bypass_the_guard():
     guarded = load_scenario(SCENARIOS / "teleop.toml")
     with pytest.raises(ConfigError, match="takes guard/cmd_vel, not cmd_vel"):
         graph_of(guarded, {"controller": Wheels})
-    graph_of(load_scenario(SCENARIOS / "teleop.toml", ["guard.enabled=false"]))
+    graph_of(load_scenario(SCENARIOS / "teleop.toml", {"guard.enabled": False}))
 
 
 def test_a_robot_has_no_name_that_begins_a_key_of_ones_own(scenario):

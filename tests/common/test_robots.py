@@ -8,7 +8,7 @@ from harness import ROBOTS, error_of
 from mecazen.config.people import Standing, Straight
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.loading import effective, load_scenario, robots_in, to_toml
+from mecazen.loading import effective, load_scenario, parse_settings, robots_in, to_toml
 from mecazen.robots import seed_of, split_key
 
 TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
@@ -22,7 +22,7 @@ def test_a_scenario_without_robots_is_that_of_its_only_one(scenario):
 
 def test_each_robot_has_its_start_namespace_seed_and_services(write_scenario):
     path = write_scenario(f"seed = 7\nservices = ['physics', 'target', 'viewer']\n{TWO}")
-    loaded = load_scenario(path, ("bus.namespace=lab",))
+    loaded = load_scenario(path, {"bus.namespace": "lab"})
     one, two = (loaded.of(name) for name in loaded.names)
     assert (one.start.pose, two.start.pose) == (Pose2D(), Pose2D(0.0, 1.5, 0.0))
     assert (one.bus.namespace, two.bus.namespace) == ("lab/one", "lab/two")
@@ -76,7 +76,7 @@ def test_whose_a_key_is_is_told_by_the_names_of_a_configuration(write_scenario):
 def test_an_override_reaches_one_robot_by_its_name_or_all(write_scenario):
     path = write_scenario(TWO)
     of_two = "robots.two.start.x_m=2.0", "robots.two.target.gait.sway_m=0.1"
-    loaded = load_scenario(path, ("target.gait.sway_m=0.05", *of_two))
+    loaded = load_scenario(path, parse_settings(("target.gait.sway_m=0.05", *of_two)))
     assert loaded.of("two").start.pose == Pose2D(2.0, 1.5, 0.0)
     assert loaded.of("one").target.gait.sway_m == 0.05
     assert loaded.of("two").target.gait.sway_m == 0.1
@@ -116,4 +116,4 @@ def test_when_there_is_no_such_robot_expect_those_there_are(write_scenario, scen
 def test_an_override_of_no_robot_is_refused_by_those_there_are(write_scenario, setting):
     key = setting.partition("=")[0]
     with pytest.raises(ConfigError, match=f"^--set {key}: robots are one, two$"):
-        load_scenario(write_scenario(TWO), (setting,))
+        load_scenario(write_scenario(TWO), parse_settings((setting,)))

@@ -8,7 +8,7 @@ from harness import error_of
 from mecazen.config import WorldConfig
 from mecazen.config.world import Box, Door, Patch, Ramp, Table, Wall
 from mecazen.errors import ConfigError
-from mecazen.loading import effective, from_tables, load_scenario, to_toml
+from mecazen.loading import effective, from_tables, load_scenario, parse_settings, to_toml
 
 ROOT = Path(__file__).parents[2]
 PLACES = sorted((ROOT / "configs/worlds").glob("*.toml"))
@@ -115,7 +115,7 @@ def test_a_scenario_lays_its_changes_over_a_world_file(tmp_path):
 @pytest.mark.parametrize("place", PLACES, ids=lambda path: path.stem)
 def test_places_are_free_at_the_start_and_survive_being_printed(place, tmp_path):
     overrides = (f"world={place}",)
-    scenario = load_scenario(ROOT / "configs/scenarios/senses.toml", overrides)
+    scenario = load_scenario(ROOT / "configs/scenarios/senses.toml", parse_settings(overrides))
     boxes = [solid for solid in scenario.world.solids if isinstance(solid, Box)]
     assert boxes
     for x, y in ((-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)):

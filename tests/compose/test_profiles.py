@@ -10,7 +10,7 @@ import pytest
 from containers import docker
 from harness import ROOT, SCENARIOS, Newest
 from mecazen import keys
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
 
@@ -77,7 +77,7 @@ def test_a_run_in_lockstep_ends_by_itself_with_the_result_of_one_process(stacks)
     stack = stacks("lockstep", MECAZEN_SCENARIO="side", MECAZEN_SET=" ".join(settings))
     stack.run("up", "--abort-on-container-exit", "--exit-code-from", "score")
     result = json.loads(docker("logs", stack.containers()["score"]["Id"]))
-    scenario = load_scenario(SCENARIOS / "side.toml", settings)
+    scenario = load_scenario(SCENARIOS / "side.toml", parse_settings(settings))
     expected = msgspec.to_builtins(simulate(scenario, "side")[0])
     for fields in (result, expected):
         del fields["wall_s"], fields["rtf"]

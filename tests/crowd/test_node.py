@@ -10,7 +10,7 @@ from mecazen.config import CrowdConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import of_robot
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Clock, Point, Skeleton, Time, planar_odometry
 from mecazen.skeleton import JOINTS
 from mecazen_crowd.node import CrowdNode
@@ -29,7 +29,9 @@ class Crowd(Steps):
     """The node, among robots and their persons who stand side by side."""
 
     def __init__(self, name, *settings):
-        super().__init__(CrowdNode, load_scenario(SCENARIOS / f"{name}.toml", settings))
+        super().__init__(
+            CrowdNode, load_scenario(SCENARIOS / f"{name}.toml", parse_settings(settings))
+        )
         self.names = self.node.scenario.names
 
     def tick(self, tick):
@@ -104,7 +106,7 @@ def test_a_run_begun_anew_is_the_same_again():
     ],
 )
 def test_the_crowd_takes_part_where_there_is_one(scenario, settings, takes_part):
-    loaded = load_scenario(SCENARIOS / f"{scenario}.toml", settings)
+    loaded = load_scenario(SCENARIOS / f"{scenario}.toml", parse_settings(settings))
     assert ("crowd" in loaded.services) == takes_part
 
 

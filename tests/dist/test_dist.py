@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from harness import COMMAND_GUARD_S, ROOT, mecazen, options, tools
-from mecazen.loading import load_scenario, scenario_path
+from mecazen.loading import load_scenario, scenario_path, parse_settings
 from mecazen_tools.processes import private_router
 
 DIST = ROOT / "dist"
@@ -79,7 +79,7 @@ def test_the_follower_of_the_example_runs_in_a_folder_of_ones_own(away, tmp_path
 
 def test_everything_starts_and_is_shown_and_ends_by_ctrl_c(away):
     settings = (*private_router(), "viewer.web_port=0", "viewer.data_port=0")
-    bus = load_scenario(scenario_path("side"), settings).bus
+    bus = load_scenario(scenario_path("side"), parse_settings(settings)).bus
     running = away("up", "side", *options(settings))
     try:
         while "Watch it at" not in (line := running.stdout.readline()):

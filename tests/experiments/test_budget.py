@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from harness import SCENARIOS
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.budget import sights
 from mecazen_experiments.table import Table
 from mecazen_tools.simulate import simulate
@@ -15,7 +15,7 @@ SHORT = ("sim.duration_s=4",)
 
 
 def run(*settings, scenario="back"):
-    loaded = load_scenario(SCENARIOS / f"{scenario}.toml", (*SHORT, *settings))
+    loaded = load_scenario(SCENARIOS / f"{scenario}.toml", parse_settings((*SHORT, *settings)))
     return loaded, *simulate(loaded, scenario)
 
 

@@ -3,7 +3,7 @@
 import pytest
 from harness import SCENARIOS
 from mecazen import keys
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.run import observe
 
 PERSON = "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }"
@@ -46,7 +46,7 @@ def test_nobody_else_is_taken_for_the_person(case):
         f"crowd.walkers=[{{ path = {{ kind = 'straight', {walker} }} }}]",
     )
     walled = settings[:3] == BESIDE_A_WALL
-    scenario = load_scenario(SCENARIOS / "senses.toml", settings)
+    scenario = load_scenario(SCENARIOS / "senses.toml", parse_settings(settings))
     topics = keys.FOLLOWER_STATE, keys.GROUND_TRUTH, keys.ODOM, keys.TARGET_ODOM
     states, *poses = observe(scenario, *topics).samples.values()
     errors, hidden = [], 0

@@ -5,7 +5,7 @@ import pytest
 from follower.walks import FRAME_S, MATCHED, frame, make, simulate_turning, total_nees
 from harness import SCENARIOS
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.estimators import Follower
 from mecazen_follower.estimators.turn_rate import move
 from scipy.stats import chi2
@@ -18,7 +18,7 @@ def test_a_scenario_that_names_the_program_may_select_it():
         f"programs.follower='{Follower.__module__}:{Follower.__name__}'",
         f"follower.estimator='{UKF}'",
     )
-    config = load_scenario(SCENARIOS / "back.toml", settings).follower
+    config = load_scenario(SCENARIOS / "back.toml", parse_settings(settings)).follower
     assert make(config.estimator, **config.estimator_params).estimate is None
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from mecazen.loading import load_scenario, load_table
+from mecazen.loading import load_scenario, load_table, parse_settings
 from mecazen_experiments.config import Experiment, experiment_path
 from mecazen_experiments.scores import score
 from mecazen_experiments.table import Table
@@ -30,7 +30,7 @@ def found():
     """The scores with each fault."""
 
     def scored(faults):
-        scenario = load_scenario(SCENARIO, (*SHORT, f"sensor.faults={faults}"))
+        scenario = load_scenario(SCENARIO, parse_settings((*SHORT, f"sensor.faults={faults}")))
         standoff = scenario.follower.standoff
         return score(Table.of(simulate(scenario, "faults")[1]), standoff).whole
 

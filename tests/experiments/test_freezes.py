@@ -51,7 +51,7 @@ def test_a_robot_that_obeys_silent_services_for_longer_than_predicted_touches_so
 
 
 def test_a_frozen_service_gives_nothing_and_then_goes_on(frozen):
-    scenario = load_scenario(ROBOTS.parent / "scenarios" / "back.toml", ["sim.duration_s=20.0"])
+    scenario = load_scenario(ROBOTS.parent / "scenarios" / "back.toml", {"sim.duration_s": 20.0})
     with closing(InProcess(scenario)) as run:
         freezes.freeze(run, 1)
         (commands,) = collect(run, keys.JOINT_COMMAND).values()

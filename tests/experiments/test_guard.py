@@ -3,7 +3,7 @@
 import pytest
 from harness import SCENARIOS
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, GUARD_CMD_VEL, GUARD_STATE
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.programs import graph_of
 from mecazen_experiments.run import observe
 
@@ -16,7 +16,7 @@ def ahead(tick, _):
 
 
 def teleop(*settings):
-    return load_scenario(TELEOP, settings)
+    return load_scenario(TELEOP, parse_settings(settings))
 
 
 def run_of(seconds, drive, *settings):

@@ -51,17 +51,17 @@ def driven(seed, file):
     random, motors = np.random.default_rng(1000 + seed), planted(seed)
     scenario = load_scenario(
         scenario_path("teleop"),
-        (
-            "sensor.also=[]",
-            "start.x_m=-5.0",
-            "physics.dt_s=0.002",
-            "sensors.encoders.counts_per_turn=4096",
-            f"sim.duration_s={STEPS[-1].time_s}",
-            f"seed={seed}",
-            f"robot.wheels.radius_m={0.05 * random.uniform(0.98, 1.02)}",
-            f"robot.wheels.track_m={0.3 * random.uniform(0.97, 1.03)}",
-            f"robot.rollers.count={random.integers(8, 13)}",
-        ),
+        {
+            "sensor.also": [],
+            "start.x_m": -5.0,
+            "physics.dt_s": 0.002,
+            "sensors.encoders.counts_per_turn": 4096,
+            "sim.duration_s": STEPS[-1].time_s,
+            "seed": seed,
+            "robot.wheels.radius_m": 0.05 * random.uniform(0.98, 1.02),
+            "robot.wheels.track_m": 0.3 * random.uniform(0.97, 1.03),
+            "robot.rollers.count": random.integers(8, 13),
+        },
     )
     robot = msgspec.structs.replace(scenario.robot, motors=motors)
     scenario = msgspec.structs.replace(scenario, robot=robot)

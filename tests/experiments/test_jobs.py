@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments import jobs
 from mecazen_experiments.config import Case, Experiment
 from mecazen_experiments.jobs import Job, fingerprint, version
@@ -23,7 +23,7 @@ def expand(cases, *arguments: Any, **options: Any) -> list[jobs.Series]:
 
 
 def key_of(folder: Any, *settings: str) -> str:
-    return fingerprint(load_scenario(folder.path / "short.toml", settings))
+    return fingerprint(load_scenario(folder.path / "short.toml", parse_settings(settings)))
 
 
 def recorded(walk: Path) -> str:
@@ -46,7 +46,7 @@ def test_sweeps_run_every_combination_over_all_settings(folder):
         "short, sim.tick_s=0.02, follower.estimator=kf_cv",
         "short, sim.tick_s=0.02, follower.estimator=none",
     ]
-    scenario = load_scenario(rows[3].jobs[0].scenario, rows[3].jobs[0].settings)
+    scenario = load_scenario(rows[3].jobs[0].scenario, parse_settings(rows[3].jobs[0].settings))
     assert (scenario.seed, scenario.start.x_m, scenario.sim.tick_s) == (5, -2.0, 0.02)
     assert len({row.jobs[0].key for row in rows}) == 4
 
@@ -62,7 +62,9 @@ def test_a_grid_runs_every_choice_and_names_it(folder):
         "short, back, sim.tick_s=0.01",
     ]
     assert rows[2].labels == {"case": "short", "view": "back", "sim.tick_s": 0.01}
-    scenarios = [load_scenario(row.jobs[0].scenario, row.jobs[0].settings) for row in rows]
+    scenarios = [
+        load_scenario(row.jobs[0].scenario, parse_settings(row.jobs[0].settings)) for row in rows
+    ]
     left, back = scenarios[0].start, scenarios[2].start
     # beside a person at the origin, whom the robot faces from their left
     assert (left.x_m, left.y_m, left.yaw_deg) == pytest.approx((0.0, 2.0, -90.0), abs=1e-12)
@@ -82,7 +84,7 @@ def test_a_recorded_case_runs_each_walk_to_its_end(folder):
     assert [job.walk for job in plain.jobs] == [None, None]
     assert [job.walk for job in walked.jobs] == ["eth_1", "eth_1", "eth_2", "eth_2"]
     assert str(walked.jobs[2]) == "short / eth_2, seed 1"
-    scenario = load_scenario(walked.jobs[0].scenario, walked.jobs[0].settings)
+    scenario = load_scenario(walked.jobs[0].scenario, parse_settings(walked.jobs[0].settings))
     assert scenario.sim.ticks == 301  # 1 s and 2.003 s are 300.3 ticks
 
 

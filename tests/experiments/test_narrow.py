@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from harness import SCENARIOS
 from mecazen import keys
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.gaps import gap_to_obstacle
 from mecazen_experiments.run import observe
 from mecazen_experiments.safety_scores import safety
@@ -26,12 +26,14 @@ PILLAR = "{ kind = 'cylinder', size_m = [0.2, 2.0], position_m = [2.0, 0.6] }"
 def scenario_of(seconds, obstacles, *settings):
     return load_scenario(
         SCENARIOS / "safety.toml",
-        (
-            "programs.physics='mecazen_experiments.fuzz:Plane'",
-            f"sim.duration_s={seconds}",
-            "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }",
-            f"world.obstacles=[{', '.join(obstacles)}]",
-            *settings,
+        parse_settings(
+            (
+                "programs.physics='mecazen_experiments.fuzz:Plane'",
+                f"sim.duration_s={seconds}",
+                "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }",
+                f"world.obstacles=[{', '.join(obstacles)}]",
+                *settings,
+            )
         ),
     )
 

@@ -2,14 +2,16 @@
 
 import pytest
 from harness import SCENARIOS
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.budget import ORACLE
 from mecazen_tools.simulate import simulate
 
 
 def run(*settings, scenario="back"):
     settings = ("sim.duration_s=4", *settings)
-    return simulate(load_scenario(SCENARIOS / f"{scenario}.toml", settings), scenario)[0]
+    return simulate(
+        load_scenario(SCENARIOS / f"{scenario}.toml", parse_settings(settings)), scenario
+    )[0]
 
 
 @pytest.mark.parametrize("scenario", ["back", "side"])

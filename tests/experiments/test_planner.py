@@ -12,7 +12,7 @@ from mecazen.drive import LimiterState, axis_limits, limit_twist
 from mecazen.drive_batch import MotionLimits
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.kinematics import MecanumKinematics
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.run import observe
 from mecazen_follower.planner.rollout import follow, roll
 from mecazen_tools.simulate import simulate
@@ -31,7 +31,7 @@ WALLS = (
 def test_in_open_space_the_trajectory_is_the_followers_to_the_bit():
     def run(*settings):
         lidar = ("sim.duration_s=3.0", 'sensor.also=["lidar"]')
-        scenario = load_scenario(SCENARIOS / "back.toml", (*lidar, *settings))
+        scenario = load_scenario(SCENARIOS / "back.toml", parse_settings((*lidar, *settings)))
         return simulate(scenario, "back")[0].trajectory_sha256
 
     assert run("follower.planner={}") == run()
@@ -44,7 +44,7 @@ def test_in_a_corridor_the_robot_goes_behind_and_then_back_to_the_side():
         f"world.obstacles=[{', '.join(WALLS)}]",
         "follower.planner={ samples = 300 }",
     )
-    scenario = load_scenario(SCENARIOS / "senses.toml", settings)
+    scenario = load_scenario(SCENARIOS / "senses.toml", parse_settings(settings))
     truth, states = observe(scenario, keys.GROUND_TRUTH, keys.FOLLOWER_STATE).samples.values()
     robots = [odom.pose.pose.to_planar() for odom in truth]
     length, width = scenario.robot.footprint

@@ -7,7 +7,7 @@ import pytest
 from harness import SCENARIOS, error_of
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.keys import CLOCK, ODOM
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.budget import BOUND
 from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import jobs_of
@@ -21,7 +21,7 @@ SHORT = ("sim.duration_s=1.5",)
 
 
 def test_a_run_is_that_of_the_command_line_with_all_samples_of_some_topics():
-    scenario = load_scenario(BACK, SHORT)
+    scenario = load_scenario(BACK, parse_settings(SHORT))
     seen = observe(scenario, CLOCK, ODOM)
     assert seen.trajectory_sha256 == simulate(scenario, "back")[0].trajectory_sha256
     assert len(seen.table) == 150
@@ -35,12 +35,12 @@ def test_a_run_is_driven_in_every_tick_but_the_last():
         ticks.append((tick, len(samples[CLOCK.key])))
         return {}
 
-    observe(load_scenario(BACK, ("sim.duration_s=0.05",)), CLOCK, drive=drive)
+    observe(load_scenario(BACK, {"sim.duration_s": 0.05}), CLOCK, drive=drive)
     assert ticks == [(tick, tick) for tick in range(1, 5)]
 
 
 def test_bodies_are_observed_only_where_a_tracker_reports_them():
-    text = error_of(ConfigError, lambda: observe_bodies(load_scenario(BACK, SHORT)))
+    text = error_of(ConfigError, lambda: observe_bodies(load_scenario(BACK, parse_settings(SHORT))))
     assert "sensor.kind" in text
 
 

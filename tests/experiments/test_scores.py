@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from experiments.made_up import BACK, TICK_S, beside, covariances, line, run, twist, whole
 from harness import SCENARIOS
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.standoff import Standoff
 from mecazen_experiments.scores import Score, Scores, nees, score
 from mecazen_experiments.table import Poses, Table, wrap
@@ -188,7 +188,7 @@ def test_a_command_that_goes_to_and_fro_varies_by_each_step(every):
 def real():
     """A real run of 8 s, and what the simulator itself says of it."""
     settings = ("sim.duration_s=8",)
-    scenario = load_scenario(SCENARIOS / "back.toml", settings)
+    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
     _, trajectory = simulate(scenario, "back")
     return Table.of(trajectory), trajectory.scores(scenario.follower.standoff)
 

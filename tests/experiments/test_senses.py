@@ -3,7 +3,7 @@
 import pytest
 from harness import SCENARIOS
 from mecazen import keys
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.run import observe
 
 WALL = "{ kind = 'box', size_m = [1.8, 0.1, 2.0], position_m = [3.4, 0.5] }"
@@ -20,7 +20,7 @@ def test_a_person_behind_a_wall_for_three_seconds_is_followed_on_when_they_come_
         "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }",
         "follower.view='side_left'",
     )
-    scenario = load_scenario(SCENARIOS / "senses.toml", settings)
+    scenario = load_scenario(SCENARIOS / "senses.toml", parse_settings(settings))
     states, legs = observe(scenario, keys.FOLLOWER_STATE, keys.LEGS).samples.values()
     hidden_s = sum(not seen.poses for seen in legs) / scenario.sensors.lidar.rate_hz
     assert hidden_s == pytest.approx(3.0, abs=0.6)

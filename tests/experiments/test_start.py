@@ -3,7 +3,7 @@
 import pytest
 from harness import SCENARIOS
 from mecazen.config.controller import AxisLimits
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_tools.simulate import simulate
 
 DURATION_S = 10.0
@@ -45,6 +45,6 @@ def test_catching_up_costs_a_tenth_more_than_the_fastest_robot_within_the_limits
         "sensor.position_std_m=0.001",
         "sensor.yaw_std_deg=0.1",
     )
-    scores = simulate(load_scenario(SCENARIOS / "back.toml", settings), "back")[0]
+    scores = simulate(load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), "back")[0]
     least = least_error(speed, REACTION_S)
     assert least_error(speed, 0.0) < scores.d_err_m < 1.1 * least

@@ -8,7 +8,7 @@ import pytest
 from harness import ROOT
 from mecazen.config.people import Waypoints
 from mecazen.errors import MecazenError
-from mecazen.loading import load_scenario, load_table
+from mecazen.loading import load_scenario, load_table, parse_settings
 from mecazen_experiments.config import Experiment, Range, TunedCase, Tuning
 from mecazen_experiments.executor import RunsFailedError
 from mecazen_experiments.jobs import Job, Key, expand
@@ -34,7 +34,7 @@ class Robot:
 
     def _record(self, job: Job) -> Record:
         self.seeds.add(job.key.seed)
-        scenario = load_scenario(job.scenario, job.settings)
+        scenario = load_scenario(job.scenario, parse_settings(job.settings))
         standoff_m = scenario.follower.standoff_m
         if standoff_m > self._fails_above:
             raise RunsFailedError([(job, MecazenError("out of the world"))])

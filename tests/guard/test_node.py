@@ -9,7 +9,7 @@ from mecazen import messages as m
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_guard.node import GuardNode
 from mecazen_guard.surroundings import Surroundings
 
@@ -17,7 +17,7 @@ TELEOP = SCENARIOS / "teleop.toml"
 
 
 def teleop(*settings):
-    return load_scenario(TELEOP, settings)
+    return load_scenario(TELEOP, parse_settings(settings))
 
 
 class Guard(Steps):

@@ -59,7 +59,7 @@ def test_the_follower_knows_where_it_went_while_it_saw_nobody(env):
 
 
 def test_the_follower_is_better_than_a_pid_and_that_than_chance():
-    scenario = load_scenario(SCENARIOS / "back.toml", ("sim.duration_s=4",))
+    scenario = load_scenario(SCENARIOS / "back.toml", {"sim.duration_s": 4})
     by_chance, pid, follower = (episode(scenario, name, 1) for name in POLICIES)
     assert by_chance.reward < pid.reward < follower.reward
     assert by_chance.d_err_m > pid.d_err_m > follower.d_err_m

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from harness import SCENARIOS
 from mecazen.errors import ConfigError, NodeError
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_gym.policies import POLICIES
 from mecazen_gym.score import Score, episode, score, table_of
 
@@ -15,7 +15,7 @@ def test_scores_are_those_of_an_episode_in_this_process_and_as_json(capsys):
     settings = ["sim.duration_s=0.5"]
     score("back", seeds=2, jobs=2, as_json=True, settings=settings)
     scores = msgspec.json.decode(capsys.readouterr().out, type=list[Score])
-    scenario = load_scenario(SCENARIOS / "back.toml", tuple(settings))
+    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
     assert [(score.policy, score.seed) for score in scores] == [*product(POLICIES, (1, 2))]
     assert scores[3] == episode(scenario, "pid", 2)
 

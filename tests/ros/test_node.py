@@ -13,7 +13,7 @@ from mecazen.bus.session import session_config
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import ConfigError
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Odometry, SimState, String, Twist, Vector3
 from mecazen.wire import Stamp
 from mecazen_ros import cdr
@@ -43,7 +43,7 @@ def host(router, name, write_scenario):
 
         def start(service, text="", *settings):
             own = f"bus.connect=['{router}']", f"bus.namespace='{name}'", "bus.ros2=true"
-            scenario = load_scenario(write_scenario(text), (*own, *settings))
+            scenario = load_scenario(write_scenario(text), parse_settings((*own, *settings)))
             bus, commands = ZenohBus(scenario.bus, renamed=scenario.renamed), []
             stack.callback(bus.close)
             for robot in scenario.names:
@@ -158,4 +158,4 @@ def test_only_the_guard_receives_commands_where_there_is_one(host, node, name):
 def test_a_namespace_that_ros_does_not_allow_is_a_clear_error(write_scenario, namespace):
     settings = (f"bus.namespace='{namespace}'", "bus.ros2=true")
     with pytest.raises(ConfigError, match="can't be a namespace in ROS"):
-        load_scenario(write_scenario(), settings)
+        load_scenario(write_scenario(), parse_settings(settings))

@@ -8,7 +8,7 @@ import pytest
 from harness import SCENARIOS
 from mecazen import keys
 from mecazen.graph import OBSERVERS
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, StepRequest
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
@@ -69,6 +69,6 @@ def test_a_run_that_ros_drives_is_computed_again(recorded):
 
 def test_ros_changes_no_trajectory():
     path, settings = SCENARIOS / "back.toml", ("sim.duration_s=2.0", "seed=7")
-    alone = simulate(load_scenario(path, settings), "back")[0].trajectory_sha256
+    alone = simulate(load_scenario(path, parse_settings(settings)), "back")[0].trajectory_sha256
     seen = simulate_distributed(path, (*settings, "bus.ros2=true"), "back")[0]
     assert seen.trajectory_sha256 == alone

@@ -10,7 +10,7 @@ import pytest
 from harness import SCENARIOS
 from mecazen.graph import OBSERVERS
 from mecazen.keys import TOPICS, of_robot
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_ros.types import definition, message
 from ros import grammar
 from ros.node import Received
@@ -68,7 +68,11 @@ class Seen:
 @pytest.fixture(scope="module", params=MORE)
 def seen(request, up, raw_node, start_peer):
     path, settings = SCENARIOS / f"{request.param}.toml", MORE[request.param]
-    services = [part for part in load_scenario(path, settings).services if part not in OBSERVERS]
+    services = [
+        part
+        for part in load_scenario(path, parse_settings(settings)).services
+        if part not in OBSERVERS
+    ]
     running = up(path, *settings, f"processes=[{json.dumps(services)}]")
     return Seen(running, raw_node(running.endpoint), start_peer(running.endpoint, "client"))
 

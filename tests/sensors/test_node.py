@@ -9,7 +9,7 @@ from harness import SCENARIOS, Steps
 from mecazen import keys
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import (
     Header,
     NamedPose,
@@ -31,7 +31,7 @@ class Sensor(Steps):
     """A sensor beside a robot at the origin and a person 1.5 m ahead."""
 
     def __init__(self, kind, *settings: str) -> None:
-        super().__init__(kind, load_scenario(SENSES, settings))
+        super().__init__(kind, load_scenario(SENSES, parse_settings(settings)))
 
     def tick(self, tick: int, *missing: keys.Topic):
         """Return the outputs of a tick."""
@@ -110,7 +110,9 @@ class Among(Sensor):
     """A sensor of the robot `two`, among another robot ahead and two other people."""
 
     def __init__(self, kind, others):
-        Steps.__init__(self, kind, load_scenario(SCENARIOS / "convoy.toml", (FUSED,)).of("two"))
+        Steps.__init__(
+            self, kind, load_scenario(SCENARIOS / "convoy.toml", parse_settings((FUSED,))).of("two")
+        )
         self.people = People(
             persons=tuple(
                 Person(name, height=HEIGHT, joints=points(body(pose=(*place, 0.0))))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from harness import ROBOTS, ROOT, SCENARIOS, assert_one_line, mecazen
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.processes import ProcessError
@@ -35,13 +35,13 @@ def write_node(folder: Path, row: str, answer: str) -> None:
 @pytest.mark.parametrize("name", ["my_follower", "range_sensor"])
 def test_an_example_gives_the_same_in_one_process_and_in_many(name):
     path = EXAMPLES / f"{name}.toml"
-    alone = simulate(load_scenario(path, SHORT), name)[0]
+    alone = simulate(load_scenario(path, parse_settings(SHORT)), name)[0]
     apart = simulate_distributed(path, SHORT, name)[0]
     assert alone.trajectory_sha256 == apart.trajectory_sha256
 
 
 def test_the_follower_keeps_its_distance():
-    scenario = load_scenario(EXAMPLES / "my_follower.toml", ("sim.duration_s=6.0",))
+    scenario = load_scenario(EXAMPLES / "my_follower.toml", {"sim.duration_s": 6.0})
     d_err_m = simulate(scenario, "mine")[0].d_err_m
     # a proportional law lags by speed over gain, 0.2/1.5 m
     assert d_err_m < 0.15
@@ -49,7 +49,7 @@ def test_the_follower_keeps_its_distance():
 
 def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance():
     settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
-    run = InProcess(load_scenario(RANGE, settings))
+    run = InProcess(load_scenario(RANGE, parse_settings(settings)))
     measured = []
     rows = {hosted.turn.row.name: hosted.turn.row for hosted in run.host.hosted}
     (topic,) = rows["range"].outputs
@@ -142,7 +142,7 @@ def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path
         f"robot = '{ROBOTS / 'nexus.toml'}'\nprograms.walk = 'mine.py:Mine'\n"
         "[start]\nx_m = -1.0\n[target.path]\nkind = 'driven'\n"
     )
-    alone = simulate(load_scenario(path, SHORT), "walk")[0].trajectory_sha256
+    alone = simulate(load_scenario(path, parse_settings(SHORT)), "walk")[0].trajectory_sha256
     for groups in ("[]", '[["walk", "target"]]', '[["physics", "walk"]]'):
         settings = (*SHORT, f"processes={groups}")
         assert simulate_distributed(path, settings, "walk")[0].trajectory_sha256 == alone, groups

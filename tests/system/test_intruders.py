@@ -14,7 +14,7 @@ from intruders import Intruder, sample_messages
 from mecazen import keys
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
@@ -57,7 +57,10 @@ def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
         running.bus.spin_once(0.01)
     intruder.leave()
     assert intruder.accepted == 0
-    assert trajectory.rows() == simulate(load_scenario(BACK, settings), "back")[1].rows()
+    assert (
+        trajectory.rows()
+        == simulate(load_scenario(BACK, parse_settings(settings)), "back")[1].rows()
+    )
     late = running.memory()
     growth = {name: late[name] - early[name] for name in early}
     print(f"{intruder.sent} payloads, {sum(early.values())} then {sum(late.values())} bytes")

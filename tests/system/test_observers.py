@@ -7,7 +7,7 @@ import time
 import pytest
 from harness import SCENARIOS
 from mecazen import keys
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
@@ -35,7 +35,7 @@ def test_an_observer_that_takes_5_ms_a_sample_delays_no_tick(stack, mode):
         running.wait(lambda: trajectory.complete)
         # had the run waited for it, it would have taken nearly all: eight a tick
         assert heard.value - before < 4 * running.scenario.sim.ticks
-    expected = simulate(load_scenario(BACK, RUN), "back")[0].trajectory_sha256
+    expected = simulate(load_scenario(BACK, parse_settings(RUN)), "back")[0].trajectory_sha256
     assert trajectory.sha256() == expected
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from harness import COMMAND_GUARD_S, ROOT, SCENARIOS, mecazen, options
 from mecazen.errors import MecazenError
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_physics import bodies
 from mecazen_tools.simulate import collect, simulate, simulate_distributed
 
@@ -34,7 +34,7 @@ HARD = (
 @cache
 def one_process(scenario: str, *settings: str) -> str:
     path = SCENARIOS / f"{scenario}.toml"
-    return simulate(load_scenario(path, settings), scenario)[0].trajectory_sha256
+    return simulate(load_scenario(path, parse_settings(settings)), scenario)[0].trajectory_sha256
 
 
 def many_processes(scenario: str, *settings: str) -> str:
@@ -93,7 +93,7 @@ def test_where_objects_lie_in_memory_changes_no_collision(monkeypatch):
 
     for name in ("build_robot", "build_legs", "add_rims"):
         monkeypatch.setattr(bodies, name, scattered(getattr(bodies, name)))
-    scenario = load_scenario(SCENARIOS / "safety.toml", KICKED)
+    scenario = load_scenario(SCENARIOS / "safety.toml", parse_settings(KICKED))
     found = [simulate(scenario, "safety")[0].trajectory_sha256 for _ in range(5)]
     assert len(set(found)) == 1
 

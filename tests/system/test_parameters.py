@@ -11,7 +11,7 @@ from mecazen import messages as m
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import ConfigError
 from mecazen.graph import COLLECTOR
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.parameters import changed
 from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import Recording
@@ -29,7 +29,7 @@ FARTHER = {
 
 
 def scenario(name, *settings):
-    return load_scenario(SCENARIOS / f"{name}.toml", (SHORT, *settings))
+    return load_scenario(SCENARIOS / f"{name}.toml", parse_settings((SHORT, *settings)))
 
 
 def set_all(bus, settings):

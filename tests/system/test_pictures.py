@@ -69,7 +69,7 @@ def test_bars_have_the_figures_and_intervals_of_table_2():
 
 
 def test_forces_of_the_ground_carry_the_robot_and_push_it_to_its_left():
-    robot = load_scenario(scenario_path("back"), ()).robot
+    robot = load_scenario(scenario_path("back")).robot
     simulation = rollers.accelerated(robot)
     command = WheelCommand(rollers.TORQUES_NM, is_effort=True)
     weights = []

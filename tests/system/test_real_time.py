@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from harness import SCENARIOS, Newest
 from mecazen import keys
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, ResetRequest
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
@@ -28,7 +28,7 @@ def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack
     running.watch(trajectory)
     running.wait(lambda: trajectory.complete)
     assert running.bus.call(keys.SIM_STATE, Empty()).missed_deadlines == 0
-    lockstep = simulate(load_scenario(SCENARIOS / "back.toml", settings), "back")[1]
+    lockstep = simulate(load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), "back")[1]
     assert trajectory.rows()[: sim.ticks] == lockstep.rows()
 
 

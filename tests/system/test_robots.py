@@ -9,7 +9,7 @@ import pytest
 from harness import SCENARIOS, Newest, mecazen, tools, wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, ResetRequest
 from mecazen.robots import join_key
 from mecazen_tools.cli.status import _Listener
@@ -30,7 +30,7 @@ CLOSE = (
 
 
 def test_two_robots_in_processes_over_zenoh_give_the_trajectory_of_one_process():
-    alone = simulate(load_scenario(CONVOY, CLOSE), "convoy")
+    alone = simulate(load_scenario(CONVOY, parse_settings(CLOSE)), "convoy")
     apart = simulate_distributed(CONVOY, CLOSE, "convoy")
     assert alone[0].trajectory_sha256 == apart[0].trajectory_sha256
     assert alone[1].rows() == apart[1].rows()
@@ -47,7 +47,7 @@ def test_two_robots_in_processes_over_zenoh_give_the_trajectory_of_one_process()
 
 def test_a_robot_far_from_others_moves_as_it_would_alone():
     settings = ("sim.duration_s=4.0", "robots.two.start={y_m=-5.0}")
-    scenario = load_scenario(CONVOY, settings)
+    scenario = load_scenario(CONVOY, parse_settings(settings))
     together = simulate(scenario, "convoy")[1]
     wide = len(together.columns) // 2 + 1
     alone = simulate(scenario.of("one"), "one")[1]

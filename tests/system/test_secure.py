@@ -20,7 +20,7 @@ from mecazen.bus.session import open_session, session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.graph import services
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, OdometryRequest
 from mecazen.schema import Folder
 from mecazen.wire import Stamp
@@ -326,7 +326,7 @@ def secure(folder: Folder) -> tuple[str, ...]:
 
 def test_the_loop_gives_the_same_trajectory_under_tls_and_access_control(folder):
     path, settings = SCENARIOS / "back.toml", ("sim.duration_s=3.0", "seed=7")
-    alone = simulate(load_scenario(path, settings), "back")[0].trajectory_sha256
+    alone = simulate(load_scenario(path, parse_settings(settings)), "back")[0].trajectory_sha256
     guarded = simulate_distributed(path, (*settings, *secure(folder)), "back")[0]
     assert guarded.trajectory_sha256 == alone
 

@@ -196,7 +196,7 @@ def effect(tables: dict[str, Any], key: str, place: Place, kind: types.Type, pla
     for other in [VALUES[key]] if key in VALUES else others(kind, table.get(place[-1])):
         table[place[-1]] = other
         try:
-            if shown(from_tables(copy.deepcopy(changed), Path("scenario"), ())) != plain:
+            if shown(from_tables(copy.deepcopy(changed), Path("scenario"))) != plain:
                 return ""
             told = "nothing"
         except MecazenError as error:
@@ -410,7 +410,7 @@ def context_of(key: str) -> str:
 def test_another_value_of_each_setting_shows_in_a_run_or_is_refused(context):
     name, settings, _ = CONTEXTS[context]
     tables = effective(load(name, {"sim.duration_s": 0.3} | settings))
-    scenario = from_tables(copy.deepcopy(tables), Path("scenario"), ())
+    scenario = from_tables(copy.deepcopy(tables), Path("scenario"))
     plain = shown(scenario)
     assert shown(scenario) == plain  # a difference is one of the setting
     silent = {
@@ -427,7 +427,7 @@ def test_a_context_or_a_reason_covers_every_setting():
     covered = {
         key
         for context, (name, settings, _) in CONTEXTS.items()
-        for key, _, _ in leaves(from_tables(effective(load(name, settings)), Path("s"), ()))
+        for key, _, _ in leaves(from_tables(effective(load(name, settings)), Path("s")))
         if context_of(key) == context
     }
     assert {key for key in EVERY - covered - REPEATED if not key.startswith(tuple(ABSENT))} == set()

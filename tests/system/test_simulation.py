@@ -11,7 +11,7 @@ from mecazen.config.people import FASTEST_M_S
 from mecazen.description import ask_description
 from mecazen.errors import ConfigError, NodeError
 from mecazen.limits import FASTEST_PERSON
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.urdf import read
 from mecazen_recorder.plot import _read
 from mecazen_recorder.reader import Recording
@@ -25,7 +25,7 @@ SHORT = {"seed": 5, "duration_s": 1.0, "follower.standoff_m": 1.5}
 def test_a_name_a_file_and_an_object_give_the_same_bits_as_the_command_line():
     file = SCENARIOS / "side.toml"
     settings = ("seed=5", "sim.duration_s=1.0", "follower.standoff_m=1.5")
-    expected, _ = simulate(load_scenario(file, settings), "side")
+    expected, _ = simulate(load_scenario(file, parse_settings(settings)), "side")
     for scenario in ("side", file, load_scenario(file)):
         with Simulation(scenario, **SHORT) as sim:
             for _ in range(50):

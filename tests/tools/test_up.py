@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from harness import SCENARIOS
 from mecazen import messages as m
-from mecazen.loading import load_scenario, scenario_path
+from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.wire import encode
 from mecazen_tools.cli import status, up
 from mecazen_tools.cli.up import Interrupts, Overview, _work, hints
@@ -33,7 +33,7 @@ def handlers():
     ],
 )
 def test_the_commands_that_are_shown_act_on_what_was_started(settings, options):
-    scenario = load_scenario(SCENARIOS / "teleop.toml", settings)
+    scenario = load_scenario(SCENARIOS / "teleop.toml", parse_settings(settings))
     lines = [line.partition("   #")[0] for line in hints(scenario, "my folder/teleop.toml")]
     tools = [line for line in lines if line.startswith("mecazen ") and " up " not in line]
     assert len(tools) >= 5
@@ -42,8 +42,10 @@ def test_the_commands_that_are_shown_act_on_what_was_started(settings, options):
     namespace = scenario.bus.namespace
     puts = [line for line in lines if line.startswith("zenoh ")]
     assert all(f" -k {namespace + '/' if namespace else ''}cmd_vel " in line for line in puts)
-    other = load_scenario(SCENARIOS / "back.toml", settings)
-    renamed = load_scenario(SCENARIOS / "teleop.toml", (*settings, "controller.command_key=drive"))
+    other = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
+    renamed = load_scenario(
+        SCENARIOS / "teleop.toml", parse_settings((*settings, "controller.command_key=drive"))
+    )
     shown = " ".join(hints(renamed, "teleop"))
     assert "pub drive" in shown
     assert "cmd_vel" not in shown.replace("target/cmd_vel", "")
@@ -74,7 +76,7 @@ def test_the_commands_that_are_shown_act_on_what_was_started(settings, options):
 )
 def test_a_second_run_takes_free_ports(settings, shares_router, taken, moved, monkeypatch):
     monkeypatch.setattr(up, "is_free", lambda port: port not in taken)
-    scenario = load_scenario(SCENARIOS / "back.toml", settings)
+    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
     found = up._moved_ports(scenario, shares_router=shares_router)
     assert [setting.partition('"')[0].rstrip("[") for setting in found] == moved
 

@@ -28,7 +28,7 @@ from mecazen import graph
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
 from mecazen.extras import is_installed
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.programs import find
 from mecazen.runtime import __main__ as runtime
 from mecazen.runtime.process import end_with_stdin
@@ -312,4 +312,4 @@ def serve(load: Callable[[], Scenario], services: Sequence[str] = ()) -> None:
 
 
 if __name__ == "__main__":
-    serve(lambda: load_scenario(Path(sys.argv[1]), tuple(sys.argv[2:])))
+    serve(lambda: load_scenario(Path(sys.argv[1]), parse_settings(sys.argv[2:])))

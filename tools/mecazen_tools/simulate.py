@@ -19,7 +19,7 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import to_value
 from mecazen.graph import COLLECTOR, OBSERVERS
 from mecazen.keys import ODOM
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.runtime.clock import Clock
@@ -214,14 +214,14 @@ def simulate_distributed(
     Raises:
         MecazenError: A service failed.
     """
-    scenario = load_scenario(path, settings)
+    scenario = load_scenario(path, parse_settings(settings))
     settings = (
         *settings,
         "sim.mode=lockstep",
         f"services={to_value([*scenario.services, COLLECTOR])}",
         *private_router("tls" if scenario.bus.keys else "tcp"),
     )
-    scenario = load_scenario(path, settings)
+    scenario = load_scenario(path, parse_settings(settings))
     if len(os.sched_getaffinity(0)) == 1:
         sys.stderr.write("all processes share the only core that this command may use\n")
     supervisor = Supervisor(path, settings, scenario)

@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterator, Mapping
 from operator import index
 from os import PathLike, fspath
-from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, Self
 
 from mecazen import keys
@@ -19,7 +18,7 @@ from mecazen.explain import one_line, show
 from mecazen.files import to_value
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
-from mecazen.loading import effective, from_tables, load_scenario, scenario_path
+from mecazen.loading import load_scenario, scenario_path, with_settings
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.programs import graph_of
 from mecazen.wire import NS_PER_S, Stamp
@@ -390,15 +389,14 @@ def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) 
         ConfigError: One line with the file, the key and the allowed values.
     """
     try:
-        overrides = tuple(f"{key}={_setting(key, value)}" for key, value in settings.items())
         if isinstance(scenario, Scenario):
-            return from_tables(effective(scenario), Path("scenario"), overrides)
+            return with_settings(scenario, settings)
         try:
             name = fspath(scenario)
         except TypeError:
             said = f"scenario: got {show(scenario)}; must be a name, a file or a Scenario"
             raise ConfigError(one_line(said)) from None
-        return load_scenario(scenario_path(name), overrides)
+        return load_scenario(scenario_path(name), settings)
     except ConfigError as error:
         raise ConfigError(str(error).replace("--set ", "")) from None  # Python has no such option
 

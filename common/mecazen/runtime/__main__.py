@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 from mecazen.config import Process, Scenario
 from mecazen.errors import MecazenError
-from mecazen.loading import load_scenario, scenario_path
+from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.runtime.process import end_with_stdin, run_process, run_router
 from mecazen.runtime.report import Report, Reporter
 
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.until_orphaned:
         end_with_stdin()
     with ending_in_one_line(reporter):
-        scenario = load_scenario(scenario_path(options.scenario), tuple(options.settings))
+        scenario = load_scenario(scenario_path(options.scenario), parse_settings(options.settings))
         run(options.name, scenario, options.robot, reporter)
 
 

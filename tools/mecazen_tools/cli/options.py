@@ -13,7 +13,13 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.errors import ConfigError
-from mecazen.loading import SCENARIO_VARIABLE, SETTINGS_VARIABLE, load_scenario, scenario_path
+from mecazen.loading import (
+    SCENARIO_VARIABLE,
+    SETTINGS_VARIABLE,
+    load_scenario,
+    parse_settings,
+    scenario_path,
+)
 from mecazen.schema import Folder
 from rich.console import Console
 from rich.table import Table
@@ -87,7 +93,7 @@ def fitting(table: Table, width: int) -> Table | Text:
 
 def load(scenario: str, settings: list[str] | None) -> Scenario:
     """Load a scenario by name or path."""
-    return load_scenario(scenario_path(scenario), tuple(settings or ()))
+    return load_scenario(scenario_path(scenario), parse_settings(settings or ()))
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from mecazen.errors import BusError, ConfigError
 from mecazen.extras import is_installed
 from mecazen.files import to_value
 from mecazen.graph import OBSERVERS, WORLDS, rows, services
-from mecazen.loading import load_scenario, scenario_path
+from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.programs import graph_of, refuse_missing
 from mecazen.robots import join_key
 from mecazen.row import Row
@@ -90,14 +90,14 @@ def up(
         overrides = (*overrides, "viewer.native=true")
     if ros2:
         overrides = (*overrides, "bus.ros2=true")
-    loaded = load_scenario(path, overrides)
+    loaded = load_scenario(path, parse_settings(overrides))
     if processes == 1:
         group = [part for part in loaded.services if part not in OBSERVERS]
         overrides = (*overrides, f"processes={to_value([group])}")
     shares_router = _shares_router(loaded.bus)
     moved = _moved_ports(loaded, shares_router=shares_router)
     overrides = (*overrides, *moved)
-    loaded = load_scenario(path, overrides)
+    loaded = load_scenario(path, parse_settings(overrides))
     for part in loaded.services:
         refuse_missing(part, loaded)
     refuse_missing_ros(loaded.bus)

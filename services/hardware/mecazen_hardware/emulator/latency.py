@@ -15,7 +15,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process
 from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import JointState, Twist
 from mecazen.wire import Stamp
 from mecazen_tools.processes import Supervisor, private_router
@@ -63,7 +63,7 @@ def measure(path: Path, duration_s: float, tick_s: float) -> dict[str, Latency]:
     supervisor = Supervisor(path, settings)
     try:
         supervisor.start_router()
-        bus = ZenohBus(load_scenario(path, settings).bus)
+        bus = ZenohBus(load_scenario(path, parse_settings(settings)).bus)
         try:
             for service in ("hardware", "controller"):
                 supervisor.start(Process((service,)))

@@ -10,7 +10,7 @@ from typing import Any
 from mecazen.config import Scenario
 from mecazen.graph import GRAPH
 from mecazen.keys import GROUND_TRUTH, IMU, JOINT_COMMAND, JOINT_STATES, Topic
-from mecazen.loading import load_scenario
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Header, Imu, JointState, Message, Odometry
 from mecazen.wire import Stamp
 from mecazen_tools.simulate import InProcess
@@ -71,15 +71,15 @@ def load(path: Path, overrides: Sequence[str], tick_ms: int = TICK_MS) -> Scenar
     """
     scenario = load_scenario(
         path,
-        (
-            f"robot={ROBOT}",
-            "sensor.frame=base_link",
-            *overrides,
-            f"sim.tick_s={tick_ms / 1000}",
-            f"sim.duration_s={ENDLESS_S:.0f}",
-            f"physics.dt_s={tick_ms / 1000}",
-            "physics.motors=ideal",  # this module models the board's motors
-        ),
+        {
+            "robot": ROBOT,
+            "sensor.frame": "base_link",
+            **parse_settings(overrides),
+            "sim.tick_s": tick_ms / 1000,
+            "sim.duration_s": ENDLESS_S,
+            "physics.dt_s": tick_ms / 1000,
+            "physics.motors": "ideal",  # this module models the board's motors
+        },
     )
     also = (*scenario.sensor.also, *({"imu"} - {*scenario.sensor.also}))
     return replace(
