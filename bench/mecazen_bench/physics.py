@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import msgspec
 from mecazen.config import PhysicsConfig
-from mecazen.config.physics import MAX_DT_S
+from mecazen.config.services import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 from mecazen.watchdog import WheelCommand

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config.recorder import Encoding
+from mecazen.config.services import Encoding
 from mecazen.keys import topic_of
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Message

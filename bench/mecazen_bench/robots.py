@@ -10,7 +10,7 @@ from itertools import chain, cycle, repeat
 from random import Random
 
 from mecazen.config import PhysicsConfig
-from mecazen.config.physics import MAX_DT_S
+from mecazen.config.services import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen.watchdog import WheelCommand

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from mecazen.config import Scenario
-from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
+from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
 from mecazen.geometry import Twist2D
 
 ROUNDING = 1e-9

@@ -16,7 +16,7 @@ import tomli_w
 from mecazen import keys
 from mecazen.config import BusConfig, Scenario, with_guard
 from mecazen.config.scenario import NO_KEYS, scenario_with
-from mecazen.config.sensor import features
+from mecazen.config.sensors import features
 from mecazen.errors import ConfigError, UntrustedError
 from mecazen.explain import explain, fields_of_choice, one_line, show
 from mecazen.files import parse_toml, parse_value, read_toml

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from mecazen.config.estimators import CtrvParams
+from mecazen.config.follower import CtrvParams
 from mecazen_follower.estimators import Array
 from mecazen_follower.estimators.ctrv import TurnRateEstimator, walks_of
 from mecazen_follower.estimators.modes import ModeBank

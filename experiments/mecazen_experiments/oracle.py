@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mecazen.config import SensorConfig
-from mecazen.config.estimators import Params
+from mecazen.config.follower import Params
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, SCAN, TARGET_ODOM

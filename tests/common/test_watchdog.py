@@ -3,7 +3,7 @@
 import pytest
 from harness import load_robot
 from mecazen.config import ControllerConfig, PhysicsConfig, Scenario, SensorConfig
-from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
+from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
 from mecazen.watchdog import Watchdog, WheelCommand
 
 STILL = (0.0,) * 4

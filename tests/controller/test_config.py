@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from mecazen.config import ControllerConfig
-from mecazen.config.controller import OdometryScale
+from mecazen.config.services import OdometryScale
 from mecazen.drive import Limits, axis_limits
 from mecazen.kinematics import MecanumKinematics
 

@@ -9,8 +9,8 @@ from hostile import forged, malformed
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import ControllerConfig, Scenario, SensorConfig, SimConfig, StartConfig
-from mecazen.config import controller as c
-from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
+from mecazen.config import services as c
+from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import JointState, OdometryRequest, Pose, Twist

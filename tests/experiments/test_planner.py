@@ -7,7 +7,7 @@ import pytest
 from follower.rooms import DRIVE
 from harness import SCENARIOS, load_robot
 from mecazen import keys
-from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
+from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
 from mecazen.drive import LimiterState, axis_limits, limit_twist
 from mecazen.drive_batch import MotionLimits
 from mecazen.geometry import Pose2D, Twist2D

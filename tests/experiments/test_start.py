@@ -2,7 +2,7 @@
 
 import pytest
 from harness import SCENARIOS
-from mecazen.config.controller import AxisLimits
+from mecazen.config.services import AxisLimits
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_tools.simulate import simulate
 

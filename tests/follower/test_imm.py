@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from follower.walks import FRAME_S, NOISE, make
-from mecazen.config.estimators import ImmParams
+from mecazen.config.follower import ImmParams
 from mecazen.geometry import Pose2D, wrap
 from mecazen_follower.estimators.imm import AT_BLUNT, BLUNT_DEG, SHARP_DEG, at_noise, modes_of
 from mecazen_follower.estimators.turn_rate import SEEN, move

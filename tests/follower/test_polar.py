@@ -9,8 +9,8 @@ from harness import load_robot
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from mecazen.config import ControllerConfig, FollowerConfig, Scenario
-from mecazen.config.controller import AxisLimits, LinearLimits
 from mecazen.config.follower import PolarControl
+from mecazen.config.services import AxisLimits, LinearLimits
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.standoff import Standoff

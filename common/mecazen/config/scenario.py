@@ -1,4 +1,4 @@
-"""A whole scenario: every setting of a run, with a typed section for each part of mecazen."""
+"""A scenario: every setting of a run, with a typed section for each part of mecazen."""
 
 from __future__ import annotations
 
@@ -11,30 +11,70 @@ from typing import Annotated, Any, NamedTuple, cast
 import msgspec
 
 from mecazen.config.bus import BusConfig
-from mecazen.config.controller import ControllerConfig
-from mecazen.config.crowd import CrowdConfig
-from mecazen.config.follower import FollowerConfig
-from mecazen.config.guard import GuardConfig
-from mecazen.config.hardware import HardwareConfig
-from mecazen.config.people import Body, Goal
-from mecazen.config.physics import PhysicsConfig
-from mecazen.config.recorder import RecorderConfig
-from mecazen.config.robots import RobotConfig
-from mecazen.config.sensor import SensorConfig
-from mecazen.config.sensors import SensorsConfig
-from mecazen.config.sim import SimConfig
-from mecazen.config.start import StartConfig
-from mecazen.config.target import TargetConfig
-from mecazen.config.viewer import ViewerConfig
+from mecazen.config.follower import FollowerConfig, GuardConfig
+from mecazen.config.people import Body, CrowdConfig, Goal, TargetConfig
+from mecazen.config.sensors import SensorConfig, SensorsConfig
+from mecazen.config.services import (
+    ControllerConfig,
+    HardwareConfig,
+    PhysicsConfig,
+    RecorderConfig,
+    SimConfig,
+    ViewerConfig,
+)
 from mecazen.config.world import WorldConfig
 from mecazen.errors import ConfigError
-from mecazen.geometry import overlap
+from mecazen.geometry import Pose2D, overlap
 from mecazen.graph import OBSERVERS, SHARED
-from mecazen.keys import renamed
+from mecazen.keys import CALLS, TOPICS, renamed
 from mecazen.robot import Robot
 from mecazen.robots import join_key, seed_of
-from mecazen.schema import Section, SectionT
+from mecazen.schema import AngleDeg, Finite, Section, SectionT
 from mecazen.ticks import ticks_per_sample
+
+
+class StartConfig(Section):
+    """The start pose of the robot, in world; the odometry begins there too."""
+
+    x_m: Finite = 0.0
+    y_m: Finite = 0.0
+    yaw_deg: AngleDeg = 0.0
+
+    @property
+    def pose(self) -> Pose2D:
+        """The pose in world."""
+        return Pose2D(self.x_m, self.y_m, math.radians(self.yaw_deg))
+
+
+LIVELINESS = "mecazen"
+"""The tokens of services that are alive are `mecazen/<name>`."""
+
+
+class RobotConfig(Section):
+    """One of several robots; a setting that is left out is that of the scenario."""
+
+    name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
+    """Name of the robot, and its namespace within that of the run."""
+    robot: Robot | None = None
+    """Robot file, or its content as a table."""
+    start: StartConfig | None = None
+    sensor: SensorConfig | None = None
+    """This section and those of the robot's services override the scenario's, key by key."""
+    controller: ControllerConfig | None = None
+    target: TargetConfig | None = None
+    follower: FollowerConfig | None = None
+
+    def __post_init__(self) -> None:
+        taken = [*(topic.key for topic in TOPICS), *(call.key for call in CALLS), LIVELINESS]
+        if self.name in {key.partition("/")[0] for key in taken}:
+            raise ValueError(f"name = {self.name!r} begins a key of mecazen's own: take another")
+
+    @property
+    def own(self) -> dict[str, Section]:
+        """The sections that differ from the scenario, by name."""
+        values = {name: getattr(self, name) for name in self.__struct_fields__}
+        return {name: value for name, value in values.items() if isinstance(value, Section)}
+
 
 NO_KEYS = ("robot_name", "others")
 """Fields that are no keys of a file: `Scenario.of` fills them in."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from mecazen.config.crowd import Reactive
+from mecazen.config.people import Reactive
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.geometry_batch import Floats

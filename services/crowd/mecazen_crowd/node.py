@@ -6,8 +6,7 @@ import math
 
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.config.crowd import Walker
-from mecazen.config.people import Goal
+from mecazen.config.people import Goal, Walker
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot

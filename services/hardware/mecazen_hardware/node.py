@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from mecazen.config import Scenario
-from mecazen.config.physics import MAX_DT_S
+from mecazen.config.services import MAX_DT_S
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.extras import is_installed
 from mecazen.keys import (

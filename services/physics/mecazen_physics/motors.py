@@ -9,7 +9,7 @@ from operator import sub
 from typing import Any
 
 from mecazen.config import PhysicsConfig
-from mecazen.config.physics import Pid
+from mecazen.config.services import Pid
 from mecazen.robot import WHEELS, Robot
 from mecazen.robot import Motors as RealMotors
 from mecazen.watchdog import WheelCommand

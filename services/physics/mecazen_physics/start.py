@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from mecazen.config import Scenario
-from mecazen.config.physics import MAX_DT_S
+from mecazen.config.services import MAX_DT_S
 from mecazen.config.world import Box
 from mecazen.errors import ConfigError
 

@@ -12,7 +12,7 @@ import msgspec
 from mcap.opcode import Opcode
 from mcap.well_known import MessageEncoding
 from mcap.writer import Writer
-from mecazen.config.recorder import Encoding
+from mecazen.config.services import Encoding
 from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
 from mecazen.messages import DiagnosticArray, Message

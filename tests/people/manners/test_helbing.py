@@ -4,8 +4,7 @@ import math
 from itertools import combinations, pairwise
 
 import pytest
-from mecazen.config.crowd import Reactive
-from mecazen.config.people import Goal
+from mecazen.config.people import Goal, Reactive
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
 from mecazen_people.manners.helbing import CLEAR_M, Pedestrians, drawn

@@ -21,7 +21,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Process, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
-from mecazen.config.viewer import ViewerConfig
+from mecazen.config.services import ViewerConfig
 from mecazen.errors import BusError, ConfigError
 from mecazen.extras import is_installed
 from mecazen.files import to_value

@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.config.estimators import PARAMS, Params, make_params
+from mecazen.config.follower import PARAMS, Params, make_params
 from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
 
@@ -40,7 +40,7 @@ class Estimator(ABC):
     """Tracks one person: `predict` at every tick, `update` with every observation.
 
     A subclass is registered under its `name`; a subclass without a name is a base class. `params`
-    is the struct of its numeric parameters, unless `mecazen.config.estimators` defines the struct.
+    is the struct of its numeric parameters, unless `mecazen.config.follower` defines the struct.
 
     Attributes:
         nis: Normalised innovation squared of the last update, None before the first update. With a

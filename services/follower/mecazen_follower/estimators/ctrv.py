@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from mecazen.config.estimators import CtrvParams, TurnRateParams
+from mecazen.config.follower import CtrvParams, TurnRateParams
 from mecazen.geometry import Pose2D
 
 from mecazen_follower.estimators.base import Array, Estimate, Estimator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mecazen.config.estimators import ImmParams
+from mecazen.config.follower import ImmParams
 
 from mecazen_follower.estimators.base import Array
 from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK, TurnRateEstimator

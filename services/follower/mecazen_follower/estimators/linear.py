@@ -6,7 +6,7 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
-from mecazen.config.estimators import ConstantVelocityParams, DisplacementParams
+from mecazen.config.follower import ConstantVelocityParams, DisplacementParams
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.portable import product
 

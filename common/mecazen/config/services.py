@@ -1,0 +1,230 @@
+"""`[sim]`, `[physics]`, `[controller]`, `[hardware]`, `[viewer]` and `[recorder]`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+
+from mecazen.schema import Length, Live, NonNegative, Output, Positive, Section, WheelRadius
+
+
+class SimConfig(Section):
+    """Simulated time."""
+
+    mode: Literal["real_time", "lockstep"] = "real_time"
+    """real_time follows the wall clock; lockstep waits for every answer, not for the wall clock."""
+    tick_s: Annotated[float, msgspec.Meta(ge=0.001, le=1.0)] = 0.01
+    """The control period; whole nanoseconds."""
+    speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
+    """Simulated seconds per wall second in real time."""
+    duration_s: Positive = 60.0
+    """Length of a lockstep run; a real-time run ends when it is stopped."""
+    answer_timeout_s: Positive = 10.0
+    """Wall time after which a service that does not answer a tick in lockstep is an error."""
+
+    @property
+    def tick_ns(self) -> int:
+        """The control period [ns]."""
+        return round(self.tick_s * 1e9)
+
+    @property
+    def ticks(self) -> int:
+        """Ticks of a lockstep run."""
+        return round(self.duration_s / self.tick_s)
+
+
+MAX_DT_S = 0.005
+"""Largest physics step: with longer steps, wheels at their highest speed would skip a roller.
+
+Up to this step, gains are within 0.5 % of the geometry and the base does not move up and down:
+`mecazen bench run --only steps`."""
+
+
+class Pid(Section, frozen=True, kw_only=True):
+    """Wheel speed to torque, as ROS's effort_controllers/JointVelocityController."""
+
+    p_nms: NonNegative = 2.0
+    """Proportional gain [N·m per rad/s]."""
+    i_nm: NonNegative = 10.0
+    """Integral gain [N·m per rad/s and second]."""
+    d_nms2: NonNegative = 0.0
+    """Derivative gain [N·m per rad/s²]."""
+    i_clamp_nm: NonNegative = 2.0
+    """Largest torque of the integral term."""
+
+
+class PhysicsConfig(Section, frozen=True, kw_only=True):
+    """How robots are simulated; their surroundings are in `[world]`.
+
+    Raises:
+        ValueError: A combination of settings cannot be simulated.
+    """
+
+    dt_s: Annotated[float, msgspec.Meta(ge=1e-5, le=MAX_DT_S)] = MAX_DT_S
+    """Length of a physics step; a control period is a whole number of steps."""
+    rollers: Literal["near", "all"] = "near"
+    """Which rollers are bodies. "near": those near the ground, while the robot is upright and on a
+    plane. "all": always all rollers. Both simulate the same robot; "all" is the reference, at about
+    0.7 of the speed of physics with steps of 5 ms, and half of it with steps of 1 ms."""
+    drive: Literal["velocity", "effort"] = "velocity"
+    """A commanded wheel speed is held by an ideal servo within the motor's torque
+    ("velocity") or by a PID controller in the physics loop ("effort")."""
+    motors: Literal["robot", "ideal"] = "robot"
+    """Motors of the robot file, if it has a table `motors`, or ideal ones in any case."""
+    pid: Pid = Pid()
+    """Gains of the drive "effort"."""
+    watchdog_s: Positive = 0.5
+    """Simulated time without a wheel command after which the wheels are stopped; also the time
+    without a pose of the person after which the person's body stands."""
+
+    def __post_init__(self) -> None:
+        if self.watchdog_s < self.dt_s:
+            raise ValueError(
+                f"physics.watchdog_s = {self.watchdog_s} must not be below "
+                f"physics.dt_s = {self.dt_s}"
+            )
+
+
+Key = Annotated[str, msgspec.Meta(pattern=r"^[^/*$?#@\s]+(/[^/*$?#@\s]+)*$")]
+"""A key without wildcards, on which samples can be published."""
+Name = Annotated[str, msgspec.Meta(min_length=1)]
+Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+"""Variances of x, y, z [m²] and of roll, pitch, yaw [rad²]; for a twist, the same per s²."""
+Limit = Live[Annotated[float, msgspec.Meta(gt=0.0)]]
+"""`inf` means no limit."""
+
+
+class LinearLimits(Section):
+    """Limits along x or y of base_link."""
+
+    max_velocity_m_s: Limit = 2.0
+    max_acceleration_m_s2: Limit = 2.5
+    max_deceleration_m_s2: Live[Limit | None] = None
+    """Left out: equal to max_acceleration_m_s2."""
+    max_jerk_m_s3: Limit = math.inf
+
+
+class AngularLimits(Section):
+    """Limits of the yaw rate."""
+
+    max_velocity_rad_s: Limit = 3.0
+    max_acceleration_rad_s2: Limit = 8.0
+    max_deceleration_rad_s2: Live[Limit | None] = None
+    """Left out: equal to max_acceleration_rad_s2."""
+    max_jerk_rad_s3: Limit = math.inf
+
+
+class AxisLimits(Section):
+    """Limits of the commanded twist, in base_link."""
+
+    x: LinearLimits = LinearLimits()
+    y: LinearLimits = LinearLimits()
+    yaw: AngularLimits = AngularLimits()
+
+
+class OdometryScale(Section):
+    """Calibration of the wheel odometry: true over nominal motion of each axis."""
+
+    x: Positive = 1.0
+    y: Positive = 1.0
+    yaw: Positive = 1.0
+
+
+class ControllerConfig(Section):
+    """The wheel controller."""
+
+    command_key: Key = "cmd_vel"
+    """Key of the commanded twist, in base_frame_id, for all that publish or receive it."""
+    reference_timeout_s: Live[Positive] = 0.5
+    """Simulated time after which a command is stale and the robot comes to rest."""
+    limits: AxisLimits = AxisLimits()
+    odometry_key: Key = "odom"
+    """Key of the odometry, for all that publish or receive it."""
+    odom_frame_id: Name = "odom"
+    base_frame_id: Name = "base_link"
+    """Child frame of the odometry. With another name, the URDF has this frame as the parent of
+    base_link, at the same place: base_link is on the ground, as REP-105's base_footprint."""
+    update_rate_hz: Positive | None = None
+    """Rate of the odometry; it divides the tick rate. Left out: at every tick."""
+    odometry: Literal["wheel", "ground_truth"] = "wheel"
+    """Source of the odometry: the wheels' measured angles, or the simulator's truth."""
+    half_wheelbase_m: Length | None = None
+    """Half the distance between the axles; left out: from the robot file."""
+    half_track_m: Length | None = None
+    """Half the distance between left and right wheels; left out: from the robot file."""
+    wheel_radius_m: WheelRadius | None = None
+    """Left out: from the robot file."""
+    odometry_scale: OdometryScale = OdometryScale()
+    pose_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
+    twist_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
+
+    def __post_init__(self) -> None:
+        if self.odom_frame_id in (self.base_frame_id, "base_link"):
+            raise ValueError(
+                f"odom_frame_id = {self.odom_frame_id!r} must differ from base_frame_id and from "
+                "base_link"
+            )
+
+
+class HardwareConfig(Section):
+    """The board of a robot, its port, and when its motors are stopped."""
+
+    board: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")] = "rosmaster_x3"
+    """An installed board, by its name."""
+    port: Annotated[str, msgspec.Meta(min_length=1)] = "/dev/ttyUSB0"
+    """A serial port, or `socket://HOST:PORT`."""
+    dry_run: bool = False
+    """Whether frames are printed instead of sent; simulated wheels then turn as commanded."""
+    counts_per_turn: Positive | None = None
+    """Encoder counts in a turn of a wheel; left out: the value in the firmware."""
+    command_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.3)] = 0.2
+    """Age of a wheel command above which the robot brakes; with a guard, guard.hold_s applies if it
+    is less. The motors are stopped at most 0.5 s after the last command."""
+    report_timeout_s: Annotated[float, msgspec.Meta(ge=0.1, le=0.4)] = 0.25
+    """Time without a report of the wheels after which the motors are stopped."""
+    min_voltage_v: NonNegative = 9.9
+    """Voltage below which the motors are stopped after 1 s, until a restart."""
+
+
+Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
+
+
+class ViewerConfig(Section):
+    """Ports, address and window of the viewer; port 0 takes a free port."""
+
+    web_port: Port = 9090
+    data_port: Port = 9876
+    """Port of the data, to which the web page and native viewers connect."""
+    listen: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"
+    """Address to listen on; 0.0.0.0 in a container, whose host publishes the ports."""
+    native: bool = False
+    """Whether to open Rerun's own window as well."""
+
+    def __post_init__(self) -> None:
+        if self.web_port == self.data_port != 0:
+            raise ValueError(f"web_port and data_port must differ: both are {self.web_port}")
+
+
+Encoding = Literal["cdr", "json"]
+
+
+class RecorderConfig(Section):
+    """File, keys and encoding of a recording."""
+
+    file: Output | None = None
+    """The MCAP file; left out: `run.mcap` in the working directory. In lockstep it must not exist;
+    in real time, where a recorder may be restarted, the next free name is used."""
+    keys: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)] = ("**",)
+    """Zenoh key expressions of the samples to record."""
+    encoding: Encoding = "cdr"
+    """cdr: ROS 2's messages, for tools that read ROS bags; json: with JSON schemas."""
+    backlog_mib: Annotated[float, msgspec.Meta(ge=0.001, le=4096.0)] = 64.0
+    """Size of the queue of samples to write; samples beyond it are dropped and counted."""
+
+    @property
+    def path(self) -> Path:
+        """The file, or its default."""
+        return self.file or Path("run.mcap")
