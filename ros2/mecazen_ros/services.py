@@ -67,11 +67,11 @@ class RosService(NamedTuple):
         return f"{self.package}/srv/{self.name.title().replace('_', '')}"
 
     @property
-    def request(self) -> Any:  # noqa: D102
+    def request(self) -> Any:
         return message(f"{self.kind}_Request")
 
     @property
-    def response(self) -> Any:  # noqa: D102
+    def response(self) -> Any:
         return message(f"{self.kind}_Response")
 
     def respond(self, result: int, reason: str, answer: Any = None) -> Any:
@@ -94,10 +94,10 @@ class QueryReply(Reply[Any]):
     def __init__(self, give: Give, service: RosService) -> None:
         self._give, self._service = give, service
 
-    def answer(self, message: Any) -> None:  # noqa: D102
+    def answer(self, message: Any) -> None:
         self._give(self._service.respond(OK, "", message))
 
-    def refuse(self, reason: str) -> None:  # noqa: D102
+    def refuse(self, reason: str) -> None:
         # ROS clients do not react to an error of Zenoh
         self._give(self._service.respond(FAILED, reason))
 
