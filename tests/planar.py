@@ -3,8 +3,7 @@
 import math
 
 from hypothesis import strategies as st
-from mecazen.geometry import Pose2D, Twist2D
-from mecazen.standoff import Standoff
+from mecazen.geometry import Pose2D, Standoff, Twist2D
 
 coordinates = st.floats(-100.0, 100.0)
 angles = st.floats(-math.pi, math.pi)

@@ -1,9 +1,12 @@
-"""Planar poses and angles: SI units, radians, x forward, y left (REP-103)."""
+"""Planar geometry: poses, twists, places beside a person. SI units, x forward, y left (REP-103)."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
+
+from mecazen.errors import RefusedError
 
 
 def wrap(angle: float) -> float:
@@ -14,10 +17,6 @@ def wrap(angle: float) -> float:
     """
     wrapped = math.remainder(angle, math.tau)
     return math.pi if wrapped == -math.pi else wrapped
-
-
-of_three = tuple.__new__
-"""Makes a pose or a twist from three numbers, in half the time of a call of the class."""
 
 
 class Twist2D(NamedTuple):
@@ -35,23 +34,27 @@ class Pose2D(NamedTuple):
     y: float = 0.0
     yaw: float = 0.0
 
-    def compose(self, other: Pose2D) -> Pose2D:
-        """Transform `other` from this frame into this frame's parent.
+    def compose(self, pose: Pose2D) -> Pose2D:
+        """Transform a pose from this frame into this frame's parent.
 
         >>> Pose2D(2.0, 1.0, 0.0).compose(Pose2D(0.5, 0.25, 1.0))
         Pose2D(x=2.5, y=1.25, yaw=1.0)
         """
-        return self._moved(other.x, other.y, other.yaw)
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2D(
+            self.x + c * pose.x - s * pose.y,
+            self.y + s * pose.x + c * pose.y,
+            wrap(self.yaw + pose.yaw),
+        )
 
-    def between(self, other: Pose2D) -> Pose2D:
-        """Transform `other` from this frame's parent into this frame.
+    def between(self, pose: Pose2D) -> Pose2D:
+        """Transform a pose from this frame's parent into this frame.
 
         >>> Pose2D(2.0, 1.0, 0.0).between(Pose2D(2.5, 1.25, 1.0))
         Pose2D(x=0.5, y=0.25, yaw=1.0)
         """
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        dx, dy = other.x - self.x, other.y - self.y
-        return of_three(Pose2D, (c * dx + s * dy, -s * dx + c * dy, wrap(other.yaw - self.yaw)))
+        x, y = rotate(pose.x - self.x, pose.y - self.y, -self.yaw)
+        return Pose2D(x, y, wrap(pose.yaw - self.yaw))
 
     def integrate(self, twist: Twist2D, dt: float) -> Pose2D:
         """Return the pose after moving with constant body `twist` for `dt` [s].
@@ -65,17 +68,11 @@ class Pose2D(NamedTuple):
         else:
             sinc, cosc = math.sin(a) / a, 2.0 * math.sin(a / 2.0) ** 2 / a
         dx, dy = twist.x * dt, twist.y * dt
-        return self._moved(sinc * dx - cosc * dy, cosc * dx + sinc * dy, a)
+        return self.compose(Pose2D(sinc * dx - cosc * dy, cosc * dx + sinc * dy, a))
 
-    def _moved(self, x: float, y: float, yaw: float) -> Pose2D:
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return of_three(
-            Pose2D, (self.x + c * x - s * y, self.y + s * x + c * y, wrap(self.yaw + yaw))
-        )
-
-    def distance(self, other: Pose2D) -> float:
+    def distance(self, pose: Pose2D) -> float:
         """Return the distance between the two origins [m]."""
-        return math.hypot(other.x - self.x, other.y - self.y)
+        return math.hypot(pose.x - self.x, pose.y - self.y)
 
 
 def rotate(x: float, y: float, yaw: float) -> tuple[float, float]:
@@ -114,3 +111,104 @@ def overlap(a: Pose2D, half_a: tuple[float, float], b: Pose2D, half_b: tuple[flo
         if abs((b.x - a.x) * c + (b.y - a.y) * s) >= reach:
             return False
     return True
+
+
+class StandoffErrors(NamedTuple):
+    """Errors of the distance [m], of the bearing around the person and of the heading [rad]."""
+
+    distance: float
+    bearing: float
+    yaw: float
+
+
+class Standoff(NamedTuple):
+    """A place beside a person, in the person's own frame (x ahead, y to the left).
+
+    `distance` [m] and `bearing` [rad] lead from the person to the robot; the bearing is 0 ahead and
+    pi/2 to the left. `heading` is the robot's heading minus the person's [rad].
+    """
+
+    distance: float
+    bearing: float
+    heading: float
+
+    def goal(self, person: Pose2D) -> Pose2D:
+        """Return the pose that the robot should have, in the frame of `person`."""
+        x = self.distance * math.cos(self.bearing)
+        y = self.distance * math.sin(self.bearing)
+        return person.compose(Pose2D(x, y, self.heading))
+
+    def person(self, goal: Pose2D) -> Pose2D:
+        """Return the person's pose for a goal pose; the inverse of `goal`."""
+        yaw = wrap(goal.yaw - self.heading)
+        x, y = rotate(self.distance, 0.0, yaw + self.bearing)
+        return Pose2D(goal.x - x, goal.y - y, yaw)
+
+    def goal_velocity(self, person: Pose2D, velocity: Twist2D) -> Twist2D:
+        """Return the velocity of the goal, a point fixed to the person: v + ω × r.
+
+        `velocity` and the result are along the axes of the frame of `person`.
+        """
+        x, y = rotate(self.distance, 0.0, person.yaw + self.bearing)
+        return Twist2D(velocity.x - velocity.yaw * y, velocity.y + velocity.yaw * x, velocity.yaw)
+
+    def errors(self, person: Pose2D, robot: Pose2D) -> StandoffErrors:
+        """Return actual minus desired distance, bearing and heading of `robot`."""
+        seen = person.between(robot)
+        return StandoffErrors(
+            math.hypot(seen.x, seen.y) - self.distance,
+            wrap(math.atan2(seen.y, seen.x) - self.bearing),
+            wrap(seen.yaw - self.heading),
+        )
+
+
+class PoseHistory:
+    """The newest poses of a moving body, kept for `duration_ns` of simulated time."""
+
+    def __init__(self, duration_ns: int) -> None:
+        self._duration_ns = duration_ns
+        self._poses: deque[tuple[int, Pose2D]] = deque()
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """The times of the oldest and the newest of at least one pose [ns]."""
+        return self._poses[0][0], self._poses[-1][0]
+
+    def add(self, time_ns: int, pose: Pose2D) -> None:
+        """Add a pose that is newer than all poses before."""
+        self._poses.append((time_ns, pose))
+        while time_ns - self._poses[0][0] > self._duration_ns:
+            self._poses.popleft()
+
+    def at(self, time_ns: int) -> Pose2D:
+        """Return the pose at a time, between two poses by linear interpolation.
+
+        The yaw turns the shorter way. A known pose is returned unchanged. If the pose at time 0 is
+        not known, time 0 means the newest pose, as in ROS's tf2.
+
+        Raises:
+            RefusedError: The time is before the oldest pose or after the newest.
+        """
+        poses = self._poses
+        if not poses or not poses[0][0] <= time_ns <= poses[-1][0]:
+            if poses and time_ns == 0:
+                return poses[-1][1]
+            known = f"{poses[0][0] / 1e9:g} to {poses[-1][0] / 1e9:g} s" if poses else "no time"
+            raise RefusedError(f"no pose is known of {time_ns / 1e9:g} s, only of {known}")
+        # most queries are for the newest ticks, and a deque is quick at its ends
+        index = len(poses) - 1
+        while index > 0 and poses[index - 1][0] >= time_ns:
+            index -= 1
+        after_ns, after = poses[index]
+        if after_ns == time_ns:
+            return after
+        before_ns, before = poses[index - 1]
+        share = (time_ns - before_ns) / (after_ns - before_ns)
+        return Pose2D(
+            before.x + share * (after.x - before.x),
+            before.y + share * (after.y - before.y),
+            wrap(before.yaw + share * wrap(after.yaw - before.yaw)),
+        )

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from mecazen.geometry_batch import Floats
 from mecazen.messages import LaserScan
+from mecazen.portable import Floats
 
 Indices = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]

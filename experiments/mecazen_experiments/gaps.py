@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.arrays import to_rectangle
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import to_rectangle
 from mecazen.robot import Robot
 from mecazen.skeleton import INDEX, LIMBS
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from mecazen.errors import ConfigError
+from mecazen.geometry import Standoff
 from mecazen.skeleton import ANGLES, JOINTS, SIDES
-from mecazen.standoff import Standoff
 
 from mecazen_experiments.capture import SEEN, Capture, angles
 from mecazen_experiments.gait.parameters import Gait

@@ -9,9 +9,8 @@ import msgspec
 import numpy as np
 from mecazen.config import Scenario, WorldConfig
 from mecazen.config.world import Box
-from mecazen.geometry import Pose2D
+from mecazen.geometry import Pose2D, Standoff
 from mecazen.robot import Robot
-from mecazen.standoff import Standoff
 
 from mecazen_experiments.gaps import (
     drives_at,

@@ -9,8 +9,7 @@ from typing import SupportsFloat
 import msgspec
 import numpy as np
 import numpy.typing as npt
-from mecazen.geometry import Pose2D
-from mecazen.standoff import Standoff
+from mecazen.geometry import Pose2D, Standoff
 from mecazen_follower.tracking import TrackingState
 from mecazen_tools.trajectory import COVARIANCE
 

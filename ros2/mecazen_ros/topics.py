@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 from mecazen import keys
 from mecazen import messages as m
+from mecazen.arrays import quaternions_of_rpy, turn
 from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.robots import join_key
-from mecazen.rotation import from_rpy, rotate
 from mecazen.row import Row
 from mecazen.urdf import read, read_origin
 
@@ -192,7 +192,7 @@ def fixed_frames(urdf: str, prefix: str) -> Any:
     frames = []
     for joint in read(urdf).joints:
         if joint.kind == "fixed":
-            rotation = m.Quaternion(*from_rpy(joint.origin.rpy).tolist())
+            rotation = m.Quaternion(*quaternions_of_rpy(joint.origin.rpy).tolist())
             transform = Transform(m.Vector3(*joint.origin.xyz), rotation)
             frames.append(TransformStamped(m.Header(frame_id=joint.parent), joint.child, transform))
     return prefixed(TFMessage(tuple(frames)), prefix)
@@ -222,7 +222,7 @@ def _cylinders(part: ET.Element, stl: bytes) -> Iterator[ET.Element]:
     lowest, highest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
     origin = read_origin(part)
     for low, high in pairwise(np.linspace(lowest.min(), highest.max(), 6)):
-        xyz = origin.xyz + rotate(from_rpy(origin.rpy), (0.0, 0.0, (low + high) / 2))
+        xyz = origin.xyz + turn(quaternions_of_rpy(origin.rpy), (0.0, 0.0, (low + high) / 2))
         radius = radii[(lowest <= high) & (highest >= low)].max(initial=0.0)
         copied = ET.Element(part.tag)
         ET.SubElement(copied, "origin", {"xyz": _text(*xyz), "rpy": _text(*origin.rpy)})

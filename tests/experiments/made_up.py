@@ -5,8 +5,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from mecazen.geometry import Pose2D
-from mecazen.standoff import Standoff
+from mecazen.geometry import Pose2D, Standoff
 from mecazen_experiments.config import Case
 from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import Job, Key, Series

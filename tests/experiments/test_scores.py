@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from experiments.made_up import BACK, TICK_S, beside, covariances, line, run, twist, whole
 from harness import SCENARIOS
+from mecazen.geometry import Standoff
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.standoff import Standoff
 from mecazen_experiments.scores import Score, Scores, nees, score
 from mecazen_experiments.table import Poses, Table, wrap
 from mecazen_tools.simulate import simulate

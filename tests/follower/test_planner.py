@@ -7,8 +7,7 @@ import pytest
 from follower.rooms import BODY, DRIVE, TICK, follow, legs, planner_of, scan, standing, wall
 from mecazen.config import SensorConfig
 from mecazen.config.follower import PidControl
-from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen.standoff import Standoff
+from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
 from mecazen_follower.following import Following
 from mecazen_follower.measurement import Measurement
 from mecazen_follower.planner.modes import Prediction, Trail, goals_of

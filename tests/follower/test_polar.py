@@ -12,8 +12,7 @@ from mecazen.config import ControllerConfig, FollowerConfig, Scenario
 from mecazen.config.follower import PolarControl
 from mecazen.config.services import AxisLimits, LinearLimits
 from mecazen.drive import Drive
-from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.standoff import Standoff
+from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate
 from mecazen_follower.polar import ALL_AROUND, PolarController, approach, kept_view
 from msgspec.structs import replace
 from planar import angles, poses, standoffs, twists

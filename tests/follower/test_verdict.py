@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from follower.rooms import BODY, NOTHING, scene, still
 from mecazen.config.follower import PRIORITIES
-from mecazen.standoff import Standoff
+from mecazen.geometry import Standoff
 from mecazen_follower.planner.costs import Costs, Sight
 from mecazen_follower.planner.modes import Prediction
 from mecazen_follower.planner.verdict import free, verdict

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from mecazen.arrays import rotate
 from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import rotate
 from mecazen.robot import Camera as Mount
 from mecazen_sensors.camera import Camera
 from people import NEXUS

@@ -6,9 +6,8 @@ import math
 import pytest
 from mecazen import keys
 from mecazen.bus import LocalBus
-from mecazen.geometry import Pose2D, Twist2D
+from mecazen.geometry import Pose2D, Standoff, Twist2D
 from mecazen.messages import FollowerState, Time, Twist, planar_odometry
-from mecazen.standoff import Standoff
 from mecazen.wire import Stamp
 from mecazen_tools.trajectory import COLUMNS, Scores, Trajectory
 from tools.runs import TICK_NS, Run

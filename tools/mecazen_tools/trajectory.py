@@ -17,10 +17,9 @@ from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
 from mecazen.covariance import planar_covariance
-from mecazen.geometry import Pose2D, overlap, to_rectangle, wrap
+from mecazen.geometry import Pose2D, Standoff, overlap, to_rectangle, wrap
 from mecazen.messages import FollowerState, Message, Odometry, Twist
 from mecazen.robots import join_key
-from mecazen.standoff import Standoff
 from mecazen.wire import Stamp
 
 POSE = ("x_m", "y_m", "yaw_rad")

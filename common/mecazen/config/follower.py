@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from mecazen.geometry import Standoff
 from mecazen.schema import AngleDeg, Live, NonNegative, Positive, Section
-from mecazen.standoff import Standoff
 
 
 class Params(Section):

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, TypeVar, dataclass_transform
 
 import msgspec
 
-from mecazen.geometry import Pose2D, Twist2D, of_three
+from mecazen.geometry import Pose2D, Twist2D
 
 # CDR may hold NaN and Infinity, which JSON lacks: the bounds refuse both
 Float = Annotated[float, msgspec.Meta(ge=-1.797e308, le=1.797e308)]
@@ -127,7 +127,7 @@ class Twist(Message):
 
     def to_planar(self) -> Twist2D:
         """Return the planar part."""
-        return of_three(Twist2D, (self.linear.x, self.linear.y, self.angular.z))
+        return Twist2D(self.linear.x, self.linear.y, self.angular.z)
 
 
 class Pose(Message):
@@ -157,7 +157,7 @@ class Pose(Message):
             longest = max(abs(x), abs(y), abs(z), abs(w))
             x, y, z, w = x / longest, y / longest, z / longest, w / longest
         yaw = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
-        return of_three(Pose2D, (self.position.x, self.position.y, yaw))
+        return Pose2D(self.position.x, self.position.y, yaw)
 
 
 class PoseWithCovariance(Message):

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from mecazen.arrays import between, to_rectangle
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import between, to_rectangle
 from mecazen_people.manners.grid import CELL_M
 from mecazen_people.manners.walking import STEP_S
 

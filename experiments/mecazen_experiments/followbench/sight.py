@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.arrays import between
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import between
 from mecazen.portable import Floats
 from scipy.ndimage import label
 

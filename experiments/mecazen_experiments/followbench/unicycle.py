@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from mecazen.arrays import between, to_rectangle
 from mecazen.geometry import Pose2D, wrap
-from mecazen.geometry_batch import between, to_rectangle
 from mecazen.portable import Floats
 from mecazen_people.manners.grid import CELL_M
 

@@ -9,7 +9,7 @@ import numpy as np
 from mecazen.config.people import Reactive
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import Floats
+from mecazen.portable import Floats
 from numpy.random import PCG64, Generator
 
 from mecazen_people.manners import forces

@@ -9,8 +9,7 @@ from typing import NamedTuple
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.config.follower import PidControl
 from mecazen.drive import Drive
-from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
-from mecazen.standoff import Errors
+from mecazen.geometry import Pose2D, StandoffErrors, Twist2D, rotate, wrap
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.pid import PoseController
@@ -40,7 +39,7 @@ class Step(NamedTuple):
     """Time since the person was last seen [s]."""
     person: Estimate | None = None
     goal: Pose2D = Pose2D()
-    errors: Errors = Errors(0.0, 0.0, 0.0)
+    errors: StandoffErrors = StandoffErrors(0.0, 0.0, 0.0)
     plan: Plan | None = None
     """The planner's decision while the robot follows; None without a planner."""
 

@@ -11,10 +11,9 @@ from mecazen.config import FollowerConfig, Scenario, SensorConfig
 from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError, RefusedError
-from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.geometry import Pose2D, PoseHistory, Twist2D, rotate
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen.poses import PoseHistory
 from mecazen.ticks import ticks_per_sample
 from mecazen.wire import NS_PER_S
 from msgspec.structs import replace

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from mecazen.config.follower import PolarControl
 from mecazen.drive import Drive
-from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
-from mecazen.standoff import Standoff
+from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate, wrap
 
 from mecazen_follower.allocation import Wanted, allocate
 

@@ -16,10 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.arrays import to_rectangle
 from mecazen.drive import Drive, LimiterState
 from mecazen.drive_batch import bounds, slow_down
 from mecazen.geometry import Twist2D
-from mecazen.geometry_batch import Floats, to_rectangle
+from mecazen.portable import Floats
 
 BRAKING = 0.9
 """Share of the deceleration limit that the prediction assumes: the wheels lag a little."""

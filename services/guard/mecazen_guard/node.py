@@ -8,10 +8,9 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.drive import Drive
 from mecazen.errors import RefusedError
-from mecazen.geometry import Pose2D, Twist2D
+from mecazen.geometry import Pose2D, PoseHistory, Twist2D
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen.poses import PoseHistory
 from mecazen.ticks import ROUNDING_S
 
 from mecazen_guard.guard import Guard, Verdict

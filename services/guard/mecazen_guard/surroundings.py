@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from mecazen.arrays import between, compose, rotate
 from mecazen.config import GuardConfig
 from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import Floats, between, compose, rotate
 from mecazen.messages import LaserScan
+from mecazen.portable import Floats
 from mecazen.scan import (
     BOTH_LEGS_M,
     LEG_M,

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from mecazen.config import Scenario
 from mecazen.errors import RefusedError
-from mecazen.geometry_batch import Floats
 from mecazen.keys import (
     BATTERY_STATE,
     GROUND_TRUTH,
@@ -42,6 +41,7 @@ from mecazen.messages import (
     Vector3,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.portable import Floats
 from mecazen.robot import WHEELS
 from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS

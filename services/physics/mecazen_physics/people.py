@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.geometry_batch import Floats
 from mecazen.limits import FASTEST_PERSON, FASTEST_PUSH
+from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, LIMBS
 
 from mecazen_physics.footprint import Footprint

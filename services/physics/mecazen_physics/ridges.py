@@ -15,7 +15,7 @@ from typing import Any
 import dartpy as dart
 import numpy as np
 from mecazen.config.world import Ridge
-from mecazen.geometry_batch import Floats
+from mecazen.portable import Floats
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import bodies

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from mecazen.geometry_batch import Floats
+from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
 
 FOREIGN = len(LIMBS)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from mecazen import messages as m
+from mecazen.arrays import rotate
 from mecazen.config.sensors import DepthConfig
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import Floats, rotate
-from mecazen.portable import product
+from mecazen.portable import Floats, product
 from mecazen.robot import Camera as Mount
 from numpy.random import PCG64, Generator
 

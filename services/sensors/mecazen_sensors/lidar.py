@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 from mecazen import messages as m
+from mecazen.arrays import rotate
 from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import Floats, rotate
+from mecazen.portable import Floats
 from mecazen.robot import Attachment
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator

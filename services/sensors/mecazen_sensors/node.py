@@ -9,9 +9,9 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import Floats
 from mecazen.keys import CAMERA_INFO, DEPTH, GROUND_TRUTH, PEOPLE, SCAN, SKELETONS, TARGET_SKELETON
 from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.portable import Floats
 from mecazen.skeleton import JOINTS
 from mecazen.ticks import whole_ticks
 

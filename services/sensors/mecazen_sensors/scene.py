@@ -21,11 +21,11 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from mecazen.arrays import rotate
 from mecazen.config import WorldConfig
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import Floats, rotate
-from mecazen.portable import product
+from mecazen.portable import Floats, product
 from mecazen.robot import WHEELS, Robot
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
 

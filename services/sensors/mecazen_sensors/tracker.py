@@ -17,10 +17,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from mecazen import messages as m
+from mecazen.arrays import rotate
 from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import Floats, rotate
-from mecazen.portable import product
+from mecazen.portable import Floats, product
 from mecazen.robot import Camera as Mount
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.ticks import ticks_per_sample, whole_ticks

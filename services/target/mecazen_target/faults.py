@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.config import SensorConfig
 from mecazen.geometry import Pose2D, wrap
-from mecazen.geometry_batch import Floats
+from mecazen.portable import Floats
 from numpy.random import PCG64, Generator
 
 Flags = npt.NDArray[np.bool_]

@@ -7,9 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import rerun as rr
-from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
 from mecazen.robot import WHEELS
-from mecazen.standoff import Standoff
 
 from mecazen_viewer import entities as e
 from mecazen_viewer.components import scalars

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
-from mecazen import rotation
+from mecazen.arrays import chain, quaternions_about, quaternions_of_rpy, turn
 from mecazen.errors import RefusedError
 from mecazen.messages import JointState
-from mecazen.rotation import Array
+from mecazen.portable import Floats
 from mecazen.urdf import Joint, Origin, Urdf, Visual
 
 from mecazen_viewer import entities as e
@@ -50,11 +50,11 @@ class RobotModel:
             turns.append(turns[parent] or joint.axis is not None)
         self._levels = [np.flatnonzero(np.array(depth) == d) for d in range(1, max(depth) + 1)]
         self._places = np.array([(0.0, 0.0, 0.0), *(joint.origin.xyz for joint in joints)])
-        self._turns = rotation.from_rpy([(0.0, 0.0, 0.0), *(joint.origin.rpy for joint in joints)])
+        self._turns = quaternions_of_rpy([(0.0, 0.0, 0.0), *(joint.origin.rpy for joint in joints)])
         axes = np.array([(0.0, 0.0, 0.0), *(joint.axis or (0.0, 0.0, 0.0) for joint in joints)])
         # the rotation at angle a is cos(a/2) times that at 0 plus sin(a/2) times that at pi
-        self._half_turned = rotation.multiply(
-            self._turns, rotation.about(axes, np.full(len(links), math.pi))
+        self._half_turned = chain(
+            self._turns, quaternions_about(axes, np.full(len(links), math.pi))
         )
         turning = [joint for joint in joints if joint.axis is not None]
         self._turning = [number[joint.child] for joint in turning]
@@ -95,15 +95,15 @@ class RobotModel:
         for path, visual, which in self._moving:
             yield path, _placed(visual, places[which], rotations[which])
 
-    def _frames(self, angles: Array) -> tuple[Array, Array]:
+    def _frames(self, angles: Floats) -> tuple[Floats, Floats]:
         """Return positions (N, 3) [m] and rotations (N, 4) of all links at angles (N,) [rad]."""
         half = angles[:, np.newaxis] / 2.0
         rotations = np.cos(half) * self._turns + np.sin(half) * self._half_turned
         places = self._places.copy()
         for level in self._levels[1:]:
             parents = self._parents[level]
-            places[level] = places[parents] + rotation.rotate(rotations[parents], places[level])
-            rotations[level] = rotation.multiply(rotations[parents], rotations[level])
+            places[level] = places[parents] + turn(rotations[parents], places[level])
+            rotations[level] = chain(rotations[parents], rotations[level])
         return places, rotations
 
 
@@ -136,13 +136,11 @@ def _names(groups: Sequence[Sequence[str]]) -> Iterator[str]:
         yield name if taken[name] == 1 else f"{name}_{taken[name]}"
 
 
-def _placed(visual: Visual, places: Array, rotations: Array) -> Components:
+def _placed(visual: Visual, places: Floats, rotations: Floats) -> Components:
     """Return the poses of a visual on links at positions (N, 3) [m] and rotations (N, 4)."""
     if visual.origin != Origin():
-        places = places + rotation.rotate(
-            rotations, np.broadcast_to(visual.origin.xyz, places.shape)
-        )
-        rotations = rotation.multiply(rotations, rotation.from_rpy(visual.origin.rpy))
+        places = places + turn(rotations, np.broadcast_to(visual.origin.xyz, places.shape))
+        rotations = chain(rotations, quaternions_of_rpy(visual.origin.rpy))
     return instances(visual.kind, places, rotations)
 
 

@@ -6,8 +6,7 @@ from collections import deque
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.geometry import Pose2D
-from mecazen.poses import PoseHistory
+from mecazen.geometry import Pose2D, PoseHistory
 
 HISTORY_NS = 8 * 10**9
 TRAIL_NS = 60 * 10**9

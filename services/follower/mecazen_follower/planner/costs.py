@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.drive_batch import Array
-from mecazen.geometry_batch import Floats
+from mecazen.portable import Floats
 
 from mecazen_follower.planner.field import Field, Shadows
 from mecazen_follower.planner.rollout import Rollout

@@ -7,9 +7,8 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from mecazen.geometry import Pose2D, wrap
+from mecazen.geometry import Pose2D, Standoff, wrap
 from mecazen.portable import Floats, arctan2
-from mecazen.standoff import Standoff
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.law import Goals

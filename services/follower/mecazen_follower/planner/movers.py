@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from mecazen.geometry_batch import Floats
+from mecazen.portable import Floats
 
 ALPHA, BETA = 0.5, 0.15
 """Gains of position and velocity: legs swing about the person by PAIR_STD_M."""

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.arrays import compose
 from mecazen.geometry import Pose2D
-from mecazen.geometry_batch import Floats, compose
 from mecazen.messages import LaserScan
-from mecazen.portable import arctan2
+from mecazen.portable import Floats, arctan2
 from mecazen.scan import BOTH_LEGS_M, Things, ranges_of
 
 from mecazen_follower.perception.legs import persons, things_of

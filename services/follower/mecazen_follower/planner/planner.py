@@ -11,8 +11,8 @@ from mecazen.config.follower import PolarControl
 from mecazen.drive import Drive
 from mecazen.drive_batch import Array, MotionLimits
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.geometry_batch import Floats
 from mecazen.messages import LaserScan
+from mecazen.portable import Floats
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import Costs, Extents, Sight, Situation

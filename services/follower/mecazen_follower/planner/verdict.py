@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from mecazen.geometry_batch import Floats, to_rectangle
-from mecazen.standoff import Standoff
+from mecazen.arrays import to_rectangle
+from mecazen.geometry import Standoff
+from mecazen.portable import Floats
 
 from mecazen_follower.planner.costs import Costs, Extents, Situation
 from mecazen_follower.planner.field import Shadows
