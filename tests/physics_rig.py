@@ -11,7 +11,7 @@ from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from mecazen_physics import model
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.rollers import Roller

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from mecazen.geometry import Twist2D
-from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.robot import WHEELS, Robot
+from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.model import Link
@@ -253,7 +253,7 @@ def _steady(engine: Engine, direction: Sequence[float]) -> tuple[list[float], Tw
     moved: list[float] = (poses[-1] - poses[0]).tolist()
     return (
         moved[:3],
-        MecanumKinematics.of(robot).forward(WheelSpeeds(*moved[3:])),
+        MecanumKinematics.from_robot(robot).forward(WheelSpeeds(*moved[3:])),
         [s.z for s in samples],
     )
 

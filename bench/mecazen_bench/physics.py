@@ -15,7 +15,7 @@ from mecazen.config import PhysicsConfig
 from mecazen.config.services import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from mecazen_physics.rollers import lateral_gain, yaw_gain
 from mecazen_physics.simulation import Simulation
 

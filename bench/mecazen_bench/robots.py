@@ -13,7 +13,7 @@ from mecazen.config import PhysicsConfig
 from mecazen.config.services import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
 
 from mecazen_bench.harness import Figure, Goal, Group

@@ -1,15 +1,18 @@
 """How the robot can move: the limits of wheels and controller, and its twist one tick later.
 
-This is the only model of that motion, for one twist; `drive_batch` has it for arrays of twists.
+Twists are numbers for one robot, and arrays (3, n) for n robots or plans: x, y [m/s] and yaw rate
+[rad/s] in base_link. Both give the same bits.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
+import numpy.typing as npt
 
 from mecazen.config import Scenario
 from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
@@ -17,6 +20,11 @@ from mecazen.geometry import Twist2D
 
 ROUNDING = 1e-9
 """Relative excess over a limit that counts as rounding when an axis reaches its reference."""
+UNLIMITED = 1e9
+"""Value in arrays for the speed of a rim or the acceleration of an axis without a limit."""
+
+Array = npt.NDArray[Any]
+"""Double precision for few twists, single precision for many."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +50,8 @@ class Limits:
 def _turned(velocity: float, up: float, down: float) -> float:
     """Return the highest velocity that an axis reaches from a velocity below 0, also past rest.
 
-    Args:
-        velocity: The velocity at the start, below 0.
-        up: The change of velocity in the whole time at the limit of acceleration.
-        down: The same at the limit of deceleration.
+    `up` and `down` are the changes of velocity in the whole time at the limits of acceleration and
+    of deceleration.
     """
     left = 1.0 + velocity / down
     return left * up if left > 0.0 and up != down else velocity + down
@@ -61,92 +67,15 @@ def axis_limits(limits: AxisLimits) -> tuple[Limits, Limits, Limits]:
     return numbers(limits.x), numbers(limits.y), numbers(limits.yaw)
 
 
-class Drive(NamedTuple):
-    """The twists (vx, vy, ω) that wheels and controller can follow.
-
-    The wheels can follow a twist if |vx| + sideways·|vy| + lever·|ω| <= rim_speed: the left side is
-    the speed of the fastest rim. Without arguments nothing is limited.
-    """
-
-    rim_speed: float = math.inf
-    """Maximum speed of the wheels' rims [m/s]."""
-    sideways: float = 1.0
-    """Speed of a rim per speed along y; 1 with rollers at 45°."""
-    lever: float = 0.0
-    """Speed of a rim per yaw rate [m]."""
-    axes: tuple[Limits, Limits, Limits] = (Limits(), Limits(), Limits())
-    """The controller's limits of x, y and yaw."""
-
-    @classmethod
-    def of(cls, scenario: Scenario) -> Drive:
-        """Return the limits of a scenario's robot: its wheels', and those of its controller."""
-        wheels, robot = scenario.robot.wheels, scenario.robot
-        rim_speed = wheels.max_speed_rad_s * wheels.radius_m
-        gains = abs(robot.cross_gain), abs(robot.lever)
-        return cls(rim_speed, *gains, axis_limits(scenario.controller.limits))
-
-    def rims(self, twist: Twist2D) -> float:
-        """Return the speed of the fastest rim [m/s]."""
-        return abs(twist.x) + self.sideways * abs(twist.y) + self.lever * abs(twist.yaw)
-
-    def slowed(self, twist: Twist2D) -> Twist2D:
-        """Return a twist with all axes slowed down alike, until no rim is above `rim_speed`."""
-        rims = self.rims(twist)
-        if rims <= self.rim_speed:
-            return twist
-        share = self.rim_speed / rims
-        return Twist2D(twist.x * share, twist.y * share, twist.yaw * share)
-
-    def is_slower(self, max_speed: float) -> bool:
-        """Return whether the wheels are slower than a planar speed [m/s] in every direction."""
-        return self.rim_speed / min(self.sideways, 1.0) <= max_speed
-
-    def limited(self, state: Motion, wanted: Twist2D, dt: float) -> Motion:
-        """Return the motion `dt` [s] after `state`, on the way to `wanted`: see `limit`.
-
-        `wanted` is slowed down to the limit of the wheels, so its direction is kept. The reached
-        twist is also slowed down, and the next tick begins with it, so that a robot at its limit
-        brakes at once.
-        """
-        if self.rims(wanted) > self.rim_speed:
-            goal = (
-                min(max(v, -axis.velocity), axis.velocity)
-                for v, axis in zip(wanted, self.axes, strict=True)
-            )
-            wanted = self.slowed(Twist2D(*goal))
-        ends = x, y, yaw = limit_twist(state, wanted, self.axes, dt)
-        twist = Twist2D(x.velocity, y.velocity, yaw.velocity)
-        slowed = self.slowed(twist)
-        if slowed is twist:
-            return ends
-        before_x, before_y, before_yaw = state
-        return (
-            LimiterState(slowed.x, (slowed.x - before_x.velocity) / dt),
-            LimiterState(slowed.y, (slowed.y - before_y.velocity) / dt),
-            LimiterState(slowed.yaw, (slowed.yaw - before_yaw.velocity) / dt),
-        )
-
-    def step(self, twist: Twist2D, wanted: Twist2D, max_speed: float, dt: float) -> Twist2D:
-        """Return the twist `dt` [s] after `twist`, on the way to `wanted`, without the jerk limit.
-
-        The axes keep their limits, then the wheels slow the robot down, and `max_speed` [m/s]
-        limits the planar speed.
-        """
-        ends = (axis.reach(now, dt) for axis, now in zip(self.axes, twist, strict=True))
-        x, y, yaw = (min(max(v, low), high) for v, (low, high) in zip(wanted, ends, strict=True))
-        reached = self.slowed(Twist2D(x, y, yaw))
-        speed = math.sqrt(reached.x * reached.x + reached.y * reached.y)
-        if self.is_slower(max_speed) or speed <= max_speed:
-            return reached
-        share = max_speed / speed
-        return Twist2D(reached.x * share, reached.y * share, reached.yaw)
-
-
 class LimiterState(NamedTuple):
     """Velocity of one axis, and the acceleration over the tick that led to it."""
 
     velocity: float = 0.0
     acceleration: float = 0.0
+
+
+LimiterStates = tuple[LimiterState, LimiterState, LimiterState]
+"""States of the axes x, y and yaw."""
 
 
 def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> LimiterState:
@@ -191,18 +120,6 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
     return LimiterState(velocity + wanted * dt, wanted)
 
 
-Motion = tuple[LimiterState, LimiterState, LimiterState]
-"""States of the axes x, y and yaw."""
-
-
-def limit_twist(
-    state: Motion, reference: Twist2D, limits: tuple[Limits, Limits, Limits], dt: float
-) -> Motion:
-    """Return `limit` of each axis: x, y, yaw."""
-    x, y, yaw = (limit(*axis, dt) for axis in zip(state, reference, limits, strict=True))
-    return x, y, yaw
-
-
 def _let_off(missing: float, step: float, dt: float) -> float:
     """Return the largest a >= 0 with S(a) <= `missing`: see `limit`."""
     if math.isinf(step):
@@ -210,3 +127,164 @@ def _let_off(missing: float, step: float, dt: float) -> float:
     # In n steps, (n - 1) step < a <= n step, S(a) = dt * (n a - step n (n - 1) / 2).
     n = max(1, math.ceil((math.sqrt(1.0 + 8.0 * missing / (dt * step)) - 1.0) / 2.0))
     return (missing / dt + step * n * (n - 1) / 2.0) / n
+
+
+def limit_twist(
+    state: LimiterStates, reference: Twist2D, limits: tuple[Limits, Limits, Limits], dt: float
+) -> LimiterStates:
+    """Return `limit` of each axis: x, y, yaw."""
+    x, y, yaw = (limit(*axis, dt) for axis in zip(state, reference, limits, strict=True))
+    return x, y, yaw
+
+
+class Drive(NamedTuple):
+    """The twists (vx, vy, ω) that wheels and controller can follow.
+
+    The wheels can follow a twist if |vx| + sideways·|vy| + lever·|ω| <= rim_speed: the left side is
+    the speed of the fastest rim. Without arguments nothing is limited.
+    """
+
+    rim_speed: float = math.inf
+    """Maximum speed of the wheels' rims [m/s]."""
+    sideways: float = 1.0
+    """Speed of a rim per speed along y; 1 with rollers at 45°."""
+    lever: float = 0.0
+    """Speed of a rim per yaw rate [m]."""
+    axes: tuple[Limits, Limits, Limits] = (Limits(), Limits(), Limits())
+    """The controller's limits of x, y and yaw."""
+
+    @classmethod
+    def from_scenario(cls, scenario: Scenario) -> Drive:
+        """Return the limits of a scenario's robot: its wheels', and those of its controller."""
+        wheels, robot = scenario.robot.wheels, scenario.robot
+        rim_speed = wheels.max_speed_rad_s * wheels.radius_m
+        gains = abs(robot.cross_gain), abs(robot.lever)
+        return cls(rim_speed, *gains, axis_limits(scenario.controller.limits))
+
+    def rims(self, twist: Twist2D) -> float:
+        """Return the speed of the fastest rim [m/s]."""
+        return abs(twist.x) + self.sideways * abs(twist.y) + self.lever * abs(twist.yaw)
+
+    def slowed(self, twist: Twist2D) -> Twist2D:
+        """Return a twist with all axes slowed down alike, until no rim is above `rim_speed`."""
+        rims = self.rims(twist)
+        if rims <= self.rim_speed:
+            return twist
+        share = self.rim_speed / rims
+        return Twist2D(twist.x * share, twist.y * share, twist.yaw * share)
+
+    def is_slower(self, max_speed: float) -> bool:
+        """Return whether the wheels are slower than a planar speed [m/s] in every direction."""
+        return self.rim_speed / min(self.sideways, 1.0) <= max_speed
+
+    def limited(self, state: LimiterStates, wanted: Twist2D, dt: float) -> LimiterStates:
+        """Return the motion `dt` [s] after `state`, on the way to `wanted`: see `limit`.
+
+        `wanted` is slowed down to the limit of the wheels, so its direction is kept. The reached
+        twist is also slowed down, and the next tick begins with it, so that a robot at its limit
+        brakes at once.
+        """
+        if self.rims(wanted) > self.rim_speed:
+            goal = (
+                min(max(v, -axis.velocity), axis.velocity)
+                for v, axis in zip(wanted, self.axes, strict=True)
+            )
+            wanted = self.slowed(Twist2D(*goal))
+        ends = x, y, yaw = limit_twist(state, wanted, self.axes, dt)
+        twist = Twist2D(x.velocity, y.velocity, yaw.velocity)
+        slowed = self.slowed(twist)
+        if slowed is twist:
+            return ends
+        x, y, yaw = (
+            LimiterState(velocity, (velocity - before.velocity) / dt)
+            for velocity, before in zip(slowed, state, strict=True)
+        )
+        return x, y, yaw
+
+    def step(self, twist: Twist2D, wanted: Twist2D, max_speed: float, dt: float) -> Twist2D:
+        """Return the twist `dt` [s] after `twist`, on the way to `wanted`, without the jerk limit.
+
+        The axes keep their limits, then the wheels slow the robot down, and `max_speed` [m/s]
+        limits the planar speed.
+        """
+        ends = (axis.reach(now, dt) for axis, now in zip(self.axes, twist, strict=True))
+        x, y, yaw = (min(max(v, low), high) for v, (low, high) in zip(wanted, ends, strict=True))
+        reached = self.slowed(Twist2D(x, y, yaw))
+        speed = math.sqrt(reached.x * reached.x + reached.y * reached.y)
+        if self.is_slower(max_speed) or speed <= max_speed:
+            return reached
+        share = max_speed / speed
+        return Twist2D(reached.x * share, reached.y * share, reached.yaw)
+
+
+def bounds(twist: Array, up: Array, down: Array) -> tuple[Array, Array]:
+    """Return the lowest and highest twists that the axes reach: `Limits.reach` without `velocity`.
+
+    `up` and `down` are the changes of each axis over the step while its speed grows and falls.
+    """
+    if up is down:
+        return twist - up, twist + up
+    size = np.abs(twist)
+    left = 1.0 - size / down  # share of the time left after rest
+    turned = np.where((left > 0.0) & (up != down), left * up, down - size)
+    low = np.where(twist > 0.0, -turned, twist - up)
+    high = np.where(twist < 0.0, turned, twist + up)
+    return low, high
+
+
+def slow_down(twist: Array, gains: Array, rim_speed: float) -> None:
+    """Slow down all axes alike, in place, until no rim is above `rim_speed`: `Drive.slowed`.
+
+    `gains` are the speeds of a rim per speed of each axis; `rim_speed` is at most `UNLIMITED`.
+    """
+    rims = np.abs(twist) * gains
+    twist *= rim_speed / np.maximum(rims[0] + rims[1] + rims[2], rim_speed)
+
+
+class MotionLimits:
+    """Motion limits of `n` robots in steps of `dt` [s]: `Drive.step` for arrays.
+
+    Limits have the shape (3, n) of the twists: broadcasting would take a tenth of a plan's time.
+    """
+
+    def __init__(
+        self, drive: Drive, max_speed: float, dt: float, n: int, dtype: npt.DTypeLike = float
+    ) -> None:
+        def repeated(*axes: float) -> Array:
+            return np.repeat(np.array(axes, dtype)[:, None], n, axis=1)
+
+        self._up = repeated(*(min(axis.acceleration, UNLIMITED) * dt for axis in drive.axes))
+        self._down = repeated(*(min(axis.deceleration, UNLIMITED) * dt for axis in drive.axes))
+        if (self._up == self._down).all():
+            self._down = self._up
+        self._twice_up, self._twice_down = 2.0 * self._up, 2.0 * self._down
+        self._fastest = repeated(*(axis.velocity for axis in drive.axes))
+        self._slowest = -self._fastest
+        self._gains = repeated(1.0, drive.sideways, drive.lever)
+        self._rim_speed, self._max_speed = min(drive.rim_speed, UNLIMITED), max_speed
+        self._is_slower = drive.is_slower(max_speed)
+        self.n, self.dt = n, np.array(dt, dtype)[()]
+
+    def step(self, twist: Array, wanted: Array) -> Array:
+        """Return the twist (3, n) after a step from `twist` towards `wanted`."""
+        low, high = bounds(twist, self._up, self._down)
+        reached: Array = np.minimum(np.maximum(wanted, low), high)
+        reached = np.minimum(np.maximum(reached, self._slowest), self._fastest)
+        slow_down(reached, self._gains, self._rim_speed)
+        if self._is_slower:
+            return reached
+        x, y, _ = reached
+        reached[:2] *= self._max_speed / np.maximum(np.sqrt(x * x + y * y), self._max_speed)
+        return reached
+
+    def mean(self, twist: Array, reached: Array) -> Array:
+        """Return the mean twist (3, n) of a step: each axis changes at its limit, then stays.
+
+        A change Δ takes the time Δ/a, in which half of Δ is missing on average: Δ²/(2a) in total.
+        """
+        change = reached - twist
+        twice = self._twice_up
+        if self._down is not self._up:
+            twice = np.where(np.abs(reached) < np.abs(twist), self._twice_down, twice)
+        mean: Array = reached - change * np.abs(change) / twice
+        return mean

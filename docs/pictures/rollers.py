@@ -14,7 +14,7 @@ from mecazen.config import PhysicsConfig
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.robot import WHEELS, Robot
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from mecazen_physics import model
 from mecazen_physics.rollers import Roller
 from mecazen_physics.simulation import Simulation

@@ -26,13 +26,12 @@ from mecazen.keys import (
     TARGET_ODOM,
     TARGET_SKELETON,
 )
-from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.loading import from_tables, parse_settings
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.skeleton import INDEX, SIDES
 from mecazen.ticks import ROUNDING_S
-from mecazen.watchdog import Watchdog, WheelCommand
+from mecazen.wheels import MecanumKinematics, Watchdog, WheelCommand, WheelSpeeds
 from mecazen.wire import encode
 from mecazen_tools.simulate import InProcess
 
@@ -74,7 +73,7 @@ class Plane(Node):
     def reset(self, seed: int) -> None:
         """Place the robot at the start, at rest."""
         self.pose, self.speeds = self.scenario.start.pose, np.zeros(4)
-        self.kinematics = MecanumKinematics.of(self.scenario.robot)
+        self.kinematics = MecanumKinematics.from_robot(self.scenario.robot)
         self.watchdog = Watchdog(self.scenario)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:

@@ -55,7 +55,7 @@ class OracleFollower(Node):
         """Begin a run."""
         self._truth = Truth(Params())
         config = self.scenario.follower
-        drive, sensor = Drive.of(self.scenario), data_sheet(self.scenario)
+        drive, sensor = Drive.from_scenario(self.scenario), data_sheet(self.scenario)
         planner = make_planner(self.scenario, sensor, seed)
         view = view_of(self.scenario, sensor, config)
         self._following = Following(config, SensorConfig(), drive, view, planner=planner)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from mecazen.drive_batch import Array
+from mecazen.drive import Array
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.planner.mppi import STEPS, Problem
 from mecazen_follower.planner.rollout import Rollout

@@ -118,7 +118,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         if not far_m > 0.0:
             raise ConfigError(f"far_m = {far_m:g} must be above 0")
         self._far_m = far_m
-        drive = Drive.of(self.scenario)
+        drive = Drive.from_scenario(self.scenario)
         gains = 1.0, drive.sideways, drive.lever
         self.scale = Twist2D(
             *(

@@ -59,7 +59,7 @@ class Follower:
         del seed
         config, sensor = replace(env.follower, planner=None), data_sheet(env.scenario)
         view = view_of(env.scenario, sensor, config)
-        self._following = Following(config, sensor, Drive.of(env.scenario), view)
+        self._following = Following(config, sensor, Drive.from_scenario(env.scenario), view)
         of_place, of_yaw = sensor.position_std_m**2, math.radians(sensor.yaw_std_deg) ** 2
         self._covariance = (of_place, 0.0, 0.0), (0.0, of_place, 0.0), (0.0, 0.0, of_yaw)
         self._env = env

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from mecazen.geometry import Pose2D
-from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.robot import WHEELS
+from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen_bench.engine import Engine, Sample
 from mecazen_bench.stack import robot
 

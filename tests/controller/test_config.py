@@ -8,7 +8,7 @@ import pytest
 from mecazen.config import ControllerConfig
 from mecazen.config.services import OdometryScale
 from mecazen.drive import Limits, axis_limits
-from mecazen.kinematics import MecanumKinematics
+from mecazen.wheels import MecanumKinematics
 
 ROBOT = SimpleNamespace(
     cross_gain=1.0, wheels=SimpleNamespace(radius_m=0.05), half_wheelbase=0.15, half_track=0.1
@@ -27,8 +27,10 @@ def test_defaults_are_those_a_ros_user_expects():
 
 
 def test_lengths_come_from_the_robot_unless_given():
-    assert MecanumKinematics.of(ROBOT, load()) == MecanumKinematics(0.05, 0.15, 0.1)
-    assert MecanumKinematics.of(ROBOT, load(half_track_m=0.2)) == MecanumKinematics(0.05, 0.15, 0.2)
+    assert MecanumKinematics.from_robot(ROBOT, load()) == MecanumKinematics(0.05, 0.15, 0.1)
+    assert MecanumKinematics.from_robot(ROBOT, load(half_track_m=0.2)) == MecanumKinematics(
+        0.05, 0.15, 0.2
+    )
 
 
 def test_limits_per_axis_default_deceleration_to_acceleration_and_jerk_to_none():

@@ -8,11 +8,10 @@ from follower.rooms import DRIVE
 from harness import SCENARIOS, load_robot
 from mecazen import keys
 from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
-from mecazen.drive import LimiterState, axis_limits, limit_twist
-from mecazen.drive_batch import MotionLimits
+from mecazen.drive import LimiterState, MotionLimits, axis_limits, limit_twist
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.kinematics import MecanumKinematics
 from mecazen.loading import load_scenario, parse_settings
+from mecazen.wheels import MecanumKinematics
 from mecazen_experiments.run import observe
 from mecazen_follower.planner.rollout import follow, roll
 from mecazen_tools.simulate import simulate
@@ -66,7 +65,7 @@ def test_a_rollout_goes_where_the_controllers_limits_let_the_robot_go(decelerati
     linear = LinearLimits(max_deceleration_m_s2=deceleration)
     limits = axis_limits(AxisLimits(linear, linear, AngularLimits(max_acceleration_rad_s2=4.0)))
     drive = DRIVE._replace(axes=limits)
-    kinematics = MecanumKinematics.of(load_robot())
+    kinematics = MecanumKinematics.from_robot(load_robot())
     steps, dt, tick = 8, 0.125, 0.00125
     # along odom's axes: off at full speed, sideways as well, then to rest
     commands = np.array([[1.5, 0.0, 0.0]] * 3 + [[0.3, 0.9, 0.8]] * 3 + [[0.0, 0.0, 0.0]] * 2)

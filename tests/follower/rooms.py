@@ -17,7 +17,7 @@ from mecazen_follower.planner.rollout import Rollout
 from mecazen_follower.polar import FieldOfView, PolarController
 
 SCENARIO = Scenario(robot=load_robot())
-DRIVE = Drive.of(SCENARIO)
+DRIVE = Drive.from_scenario(SCENARIO)
 BODY = Extents(*SCENARIO.robot.footprint, person=0.2)
 CAMERA = Sight(0.0, math.radians(37.5), 3.86)
 NO_NOISE = ((0.0,) * 3,) * 3

@@ -176,13 +176,13 @@ def test_the_drive_is_that_of_the_robot_and_its_controller():
     assert (DRIVE.rim_speed, DRIVE.lever) == pytest.approx((2.0, 0.3))
     assert DRIVE.sideways == pytest.approx(1.0)
     rollers = replace(NEXUS.rollers, angle_deg=30.0, arrangement="O")
-    crossed = Drive.of(Scenario(robot=replace(NEXUS, rollers=rollers)))
+    crossed = Drive.from_scenario(Scenario(robot=replace(NEXUS, rollers=rollers)))
     # cot 30° along y; the lever of half track and half wheelbase, 0.15 m each, is a difference
     gain = math.sqrt(3.0)
     assert (crossed.sideways, crossed.lever) == pytest.approx((gain, 0.15 * (gain - 1.0)))
     limits = AxisLimits(x=LinearLimits(max_velocity_m_s=1.0))
     slow = Scenario(robot=NEXUS, controller=ControllerConfig(limits=limits))
-    assert [axis.velocity for axis in Drive.of(slow).axes] == [1.0, 2.0, 3.0]
+    assert [axis.velocity for axis in Drive.from_scenario(slow).axes] == [1.0, 2.0, 3.0]
 
 
 def test_at_45_degrees_it_keeps_the_distance_from_who_is_faster_than_the_diagonal():

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from mecazen.drive import Drive, Limits
-from mecazen.drive_batch import MotionLimits
+from mecazen.drive import Drive, Limits, MotionLimits
 from mecazen.geometry import Twist2D
 from mecazen_follower.planner.rollout import follow, roll
 

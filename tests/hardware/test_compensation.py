@@ -3,8 +3,8 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.kinematics import WheelSpeeds
 from mecazen.robot import Motors
+from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.compensation import compensated
 from mecazen_physics.motor_model import MotorModel
 

@@ -5,7 +5,7 @@ import time
 import pytest
 from hardware.stand import ROBOT, config, emulated, until
 from mecazen.config import Scenario
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.driver import Driver
 
 

@@ -3,7 +3,7 @@
 import pytest
 from hardware.stand import ROBOT
 from mecazen.config import HardwareConfig
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import MeasuredSpeeds
 from mecazen_hardware.boards import open_link
 

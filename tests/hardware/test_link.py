@@ -13,7 +13,7 @@ from itertools import pairwise
 import pytest
 from hardware.stand import MOTION, ROBOT, config, emulated, until
 from mecazen.config import HardwareConfig
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import Inertial, Voltage, WheelAngles
 from mecazen_hardware.boards import open_link
 from mecazen_hardware.emulator.faults import Requested
@@ -27,7 +27,7 @@ DRIVING = """
 import sys, time
 from hardware.stand import ROBOT
 from mecazen.config import HardwareConfig
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.boards import open_link
 link = open_link(HardwareConfig(port=sys.argv[1]), ROBOT)
 try:

@@ -12,9 +12,9 @@ from harness import ROBOTS
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.config import HardwareConfig
-from mecazen.kinematics import WheelSpeeds
 from mecazen.loading import load_table
 from mecazen.robot import Robot
+from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import Identity, MeasuredSpeeds
 from mecazen_hardware.boards import open_link
 from mecazen_hardware.robomaster_ep import RobomasterEp

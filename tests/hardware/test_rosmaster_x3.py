@@ -7,15 +7,15 @@ from harness import ROBOTS
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.config import HardwareConfig
-from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.loading import load_table
 from mecazen.robot import Robot
+from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen_hardware import rosmaster_x3
 from mecazen_hardware.board import Identity, Inertial, Voltage, WheelAngles
 from mecazen_hardware.rosmaster_x3 import Decoder, RosmasterX3, frame
 
 ROBOT = load_table(ROBOTS / "rosmaster_x3.toml", Robot)
-KINEMATICS = MecanumKinematics.of(ROBOT)
+KINEMATICS = MecanumKinematics.from_robot(ROBOT)
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import math
 import random
 
 import pytest
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import MeasuredSpeeds, WheelAngles
 from mecazen_hardware.wheels import Wheels
 

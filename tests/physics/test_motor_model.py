@@ -8,7 +8,7 @@ from harness import load_robot
 from mecazen.config import PhysicsConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import Motors
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from mecazen_physics.motor_model import MotorModel, friction
 from mecazen_physics.simulation import Simulation
 

@@ -11,7 +11,7 @@ from harness import load_robot
 from mecazen.config.world import Cylinder
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from mecazen_physics import model
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.near_rollers import NearRollersBody

@@ -7,9 +7,9 @@ import pytest
 from harness import ROOT, load_robot, mecazen
 from mecazen.config import HardwareConfig
 from mecazen.keys import ODOM
-from mecazen.kinematics import WheelSpeeds
 from mecazen.loading import load_scenario
 from mecazen.programs import imported
+from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import Identity
 from mecazen_tools.simulate import InProcess
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from harness import ROOT
 from mecazen.loading import load_scenario, scenario_path
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
 

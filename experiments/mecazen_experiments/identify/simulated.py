@@ -12,7 +12,7 @@ from mecazen.config import PhysicsConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
 
 from mecazen_experiments.identify.drift import shifted

@@ -21,9 +21,9 @@ from mecazen.keys import (
     ODOM,
     Call,
 )
-from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ROUNDING_S
+from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen.wire import NS_PER_S, RefusedError
 
 logger = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ class OdometryNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config, self.joints = scenario.controller, scenario.robot.wheels.joints
-        self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
+        self.kinematics = MecanumKinematics.from_robot(scenario.robot, self.config)
         self.ticks_per_sample = scenario.ticks_per("controller.update_rate_hz")
         self.pose_covariance = diagonal_covariance(self.config.pose_covariance_diagonal)
         self.twist_covariance = diagonal_covariance(self.config.twist_covariance_diagonal)
@@ -132,7 +132,7 @@ class ControllerNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config, self.joints = scenario.controller, scenario.robot.wheels.joints
-        self.kinematics = MecanumKinematics.of(scenario.robot, self.config)
+        self.kinematics = MecanumKinematics.from_robot(scenario.robot, self.config)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
         self.drive = self._drive()
         self.tick_s = scenario.sim.tick_s
@@ -142,7 +142,7 @@ class ControllerNode(Node):
 
     def _warn_of_lengths(self) -> None:
         """Warn of configured lengths that are far from those of the robot."""
-        configured, robot = self.kinematics, MecanumKinematics.of(self.scenario.robot)
+        configured, robot = self.kinematics, MecanumKinematics.from_robot(self.scenario.robot)
         for name in ("half_wheelbase", "half_track", "wheel_radius"):
             value, true = getattr(configured, name), getattr(robot, name)
             if abs(value - true) > MISMATCH * true:

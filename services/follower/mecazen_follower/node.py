@@ -85,7 +85,7 @@ class FollowerNode(Node):
     def reset(self, seed: int) -> None:
         """Discard the person and the robot's past poses."""
         self._seed = seed
-        sensor, drive = self.sensor, Drive.of(self.scenario)
+        sensor, drive = self.sensor, Drive.from_scenario(self.scenario)
         view = view_of(self.scenario, sensor, self.config)
         # scans wait for camera frames, which arrive later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
@@ -98,7 +98,7 @@ class FollowerNode(Node):
         """Use the changed configuration from now on."""
         super().configure(scenario)
         view = view_of(scenario, self.sensor, self.config)
-        self.following.configure(self.config, Drive.of(scenario), view)
+        self.following.configure(self.config, Drive.from_scenario(scenario), view)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of a tick and its command."""
@@ -221,7 +221,7 @@ def make_planner(scenario: Scenario, sensor: SensorConfig, seed: int) -> Planner
         yaw = math.radians(scenario.robot.camera.yaw_deg)
         sight = Sight(yaw, half_fov, scenario.sensors.tracker.max_range_m)
     body = Extents(*scenario.robot.footprint, scenario.world.person.radius_m)
-    return Planner(scenario.follower, Drive.of(scenario), body, sight, seed)
+    return Planner(scenario.follower, Drive.from_scenario(scenario), body, sight, seed)
 
 
 def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:

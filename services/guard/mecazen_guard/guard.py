@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.arrays import to_rectangle
-from mecazen.drive import Drive, LimiterState
-from mecazen.drive_batch import bounds, slow_down
+from mecazen.drive import Drive, LimiterState, bounds, slow_down
 from mecazen.geometry import Twist2D
 from mecazen.portable import Floats
 

@@ -37,7 +37,10 @@ class GuardNode(Node):
         is_real = "sensors" not in scenario.services
         self.surroundings = Surroundings(config, lidar, Pose2D(x, y), is_real=is_real)
         self.guard = Guard(
-            robot.footprint, Drive.of(scenario), _reaction_s(scenario), config.person_stop_s
+            robot.footprint,
+            Drive.from_scenario(scenario),
+            _reaction_s(scenario),
+            config.person_stop_s,
         )
 
     def configure(self, scenario: Scenario) -> None:
@@ -46,7 +49,9 @@ class GuardNode(Node):
         config = scenario.guard
         self.timeout_s = scenario.controller.reference_timeout_s
         self.surroundings.config = config
-        self.guard.configure(Drive.of(scenario), _reaction_s(scenario), config.person_stop_s)
+        self.guard.configure(
+            Drive.from_scenario(scenario), _reaction_s(scenario), config.person_stop_s
+        )
 
     def reset(self, seed: int) -> None:
         """Discard all scans and poses; the robot rests until the first scan."""

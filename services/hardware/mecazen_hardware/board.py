@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 from mecazen.config import HardwareConfig
-from mecazen.kinematics import WheelSpeeds
 from mecazen.robot import Robot
+from mecazen.wheels import WheelSpeeds
 
 
 class WheelAngles(NamedTuple):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mecazen.kinematics import WheelSpeeds
 from mecazen.robot import Motors
+from mecazen.wheels import WheelSpeeds
 
 STILL_RAD_S = 0.05
 """Speed below which a wheel is commanded to stand; compensating the dead band would cause

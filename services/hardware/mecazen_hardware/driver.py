@@ -12,7 +12,7 @@ import math
 import time
 
 from mecazen.config import HardwareConfig, Scenario
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 
 from mecazen_hardware.board import Identity, Inertial, MeasuredSpeeds, Report, Voltage, WheelAngles
 from mecazen_hardware.boards import open_link

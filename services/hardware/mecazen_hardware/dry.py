@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 
 from mecazen_hardware.board import Board, Identity, MeasuredSpeeds, Report, Voltage
 

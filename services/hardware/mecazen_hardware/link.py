@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 
 from mecazen_hardware import keeper
 from mecazen_hardware.board import Board, Identity, Report

@@ -21,11 +21,10 @@ from mecazen.keys import (
     Call,
     Topic,
 )
-from mecazen.kinematics import WheelSpeeds
 from mecazen.messages import BatteryState, Header, Imu, JointState, Message, String, Vector3
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.programs import find
-from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
+from mecazen.wheels import Watchdog, WheelCommand, WheelSpeeds, wheel_command
 from msgspec.structs import replace
 
 from mecazen_hardware.driver import Driver

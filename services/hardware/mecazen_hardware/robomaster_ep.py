@@ -15,8 +15,8 @@ from collections.abc import Iterator, Sequence
 from typing import ClassVar
 
 from mecazen.config import HardwareConfig
-from mecazen.kinematics import WheelSpeeds
 from mecazen.robot import Robot
+from mecazen.wheels import WheelSpeeds
 
 from mecazen_hardware.board import Board, Identity, MeasuredSpeeds, Report
 

@@ -16,8 +16,8 @@ from typing import ClassVar, NamedTuple
 
 from mecazen.config import HardwareConfig
 from mecazen.geometry import Twist2D
-from mecazen.kinematics import MecanumKinematics, WheelSpeeds
 from mecazen.robot import WHEELS, Robot
+from mecazen.wheels import MecanumKinematics, WheelSpeeds
 
 from mecazen_hardware.board import (
     Board,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from mecazen.kinematics import WheelSpeeds
+from mecazen.wheels import WheelSpeeds
 
 from mecazen_hardware.board import MeasuredSpeeds, WheelAngles
 

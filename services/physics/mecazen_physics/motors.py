@@ -12,7 +12,7 @@ from mecazen.config import PhysicsConfig
 from mecazen.config.services import Pid
 from mecazen.robot import WHEELS, Robot
 from mecazen.robot import Motors as RealMotors
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 from msgspec.structs import replace
 
 from mecazen_physics import model

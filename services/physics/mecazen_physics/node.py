@@ -45,7 +45,7 @@ from mecazen.portable import Floats
 from mecazen.robot import WHEELS
 from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
-from mecazen.watchdog import Watchdog, WheelCommand, wheel_command
+from mecazen.wheels import Watchdog, WheelCommand, wheel_command
 
 from mecazen_physics.instruments import Battery, Encoders, Imu
 from mecazen_physics.people import MovingPerson, ReportedPerson

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 
 from mecazen_physics import bodies, model
 from mecazen_physics.body import MAX_TILT_RAD, AllRollersBody, RobotBody

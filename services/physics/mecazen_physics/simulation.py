@@ -9,7 +9,7 @@ from itertools import combinations
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
-from mecazen.watchdog import WheelCommand
+from mecazen.wheels import WheelCommand
 
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, horizon_steps

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.drive_batch import Array
+from mecazen.drive import Array
 from mecazen.portable import Floats
 
 from mecazen_follower.planner.field import Field, Shadows

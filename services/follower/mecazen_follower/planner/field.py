@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.drive_batch import Array
+from mecazen.drive import Array
 from mecazen.portable import Floats
 
 CELL_M = 0.06

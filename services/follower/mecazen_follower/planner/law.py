@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from mecazen.config.follower import PolarControl
-from mecazen.drive_batch import Array
+from mecazen.drive import Array
 from mecazen.portable import Floats, arctan2
 
 from mecazen_follower.planner.rollout import Command

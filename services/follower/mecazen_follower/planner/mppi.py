@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from mecazen.drive_batch import Array
+from mecazen.drive import Array
 from mecazen.portable import exp
 
 from mecazen_follower.planner.rollout import Rollout

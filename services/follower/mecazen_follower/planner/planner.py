@@ -8,8 +8,7 @@ from functools import lru_cache, partial
 import numpy as np
 from mecazen.config import FollowerConfig
 from mecazen.config.follower import PolarControl
-from mecazen.drive import Drive
-from mecazen.drive_batch import Array, MotionLimits
+from mecazen.drive import Array, Drive, MotionLimits
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats

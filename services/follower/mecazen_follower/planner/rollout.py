@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from mecazen.drive_batch import Array, MotionLimits
+from mecazen.drive import Array, MotionLimits
 from mecazen.geometry import Twist2D
 
 Command = Callable[[int, Array, Array, Array], Array]
