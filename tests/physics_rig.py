@@ -10,11 +10,11 @@ from typing import Any
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.links import robot_links
 from mecazen.robot import Robot
+from mecazen.rollers import Roller
 from mecazen.wheels import WheelCommand
-from mecazen_physics import model
 from mecazen_physics.people import MovingPerson
-from mecazen_physics.rollers import Roller
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
 
@@ -43,7 +43,7 @@ def wheel_speeds(robot: Robot, twist: Twist2D) -> list[float]:
 
 def masses(robot: Robot) -> tuple[float, float]:
     """The robot's mass [kg], and what its turning wheels add to it as they roll [kg]."""
-    roller, hub = Roller.of(robot), model.links(robot)[0]
+    roller, hub = Roller.from_robot(robot), robot_links(robot)[0]
     count = robot.rollers.count
     rest = robot.base.mass_kg + robot.camera.mass_kg + robot.lidar.mass_kg
     mass = rest + 4 * (robot.wheels.hub_mass_kg + count * roller.mass)

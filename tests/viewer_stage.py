@@ -11,10 +11,10 @@ from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, StartConfig
 from mecazen.covariance import diagonal_covariance
-from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.runtime.process import observe
+from mecazen.urdf import RobotDescription, serve_description
 from mecazen.wire import Stamp
 from mecazen_viewer.components import Components
 

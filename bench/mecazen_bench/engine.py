@@ -12,11 +12,10 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from mecazen.geometry import Twist2D
+from mecazen.links import Link, base_link, lump, robot_links
 from mecazen.robot import WHEELS, Robot
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
-from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.model import Link
 
 RIM_SPEED = 0.3
 """Speed of the wheels' rims in the manoeuvres [m/s]."""
@@ -83,16 +82,16 @@ class PlanarInertia(NamedTuple):
     @classmethod
     def of(cls, robot: Robot) -> PlanarInertia:
         """Return the inertia of `robot`."""
-        links = [model.base(robot), *model.links(robot)]
+        links = [base_link(robot), *robot_links(robot)]
         places = {"": (0.0, 0.0, 0.0)} | {link.name: link.translation for link in links}
 
         def in_base(link: Link) -> Link:
             x, y, z = np.add(places[link.parent], link.translation).tolist()
             return replace(link, translation=(x, y, z))
 
-        mass, centre, inertia = model.lump([in_base(link) for link in links])
+        mass, centre, inertia = lump([in_base(link) for link in links])
         hub, *rollers = (link for link in links if link.name.startswith(WHEELS[0]))
-        _, _, wheel = model.lump([replace(hub, translation=(0.0, 0.0, 0.0)), *rollers])
+        _, _, wheel = lump([replace(hub, translation=(0.0, 0.0, 0.0)), *rollers])
         yaw_inertia = inertia[2, 2] + mass * (centre[:2] @ centre[:2])
         return cls(mass, float(yaw_inertia), float(wheel[1, 1]))
 

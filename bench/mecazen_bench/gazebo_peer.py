@@ -10,8 +10,8 @@ from typing import Literal, get_args
 
 from mecazen.errors import MecazenError
 from mecazen.robot import Robot
-from mecazen_physics.rollers import Roller, binary_stl
-from mecazen_physics.urdf import build_urdf
+from mecazen.rollers import Roller, binary_stl
+from mecazen.urdf import build_urdf
 
 from mecazen_bench.engine import Engine, Sample
 
@@ -32,7 +32,7 @@ class GazeboEngine(Engine):
         with tempfile.TemporaryDirectory() as folder:
             urdf, mesh = Path(folder) / "robot.urdf", Path(folder) / "roller.stl"
             urdf.write_text(build_urdf(robot))
-            roller = Roller.of(robot)
+            roller = Roller.from_robot(robot)
             mesh.write_bytes(binary_stl(*roller.mesh(MESH_RINGS, MESH_SEGMENTS)))
             radius = roller.max_radius
             capsule = (str(radius), str(roller.length - 2.0 * radius))

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal
 
 import mujoco
+from mecazen.links import base_link, lump, robot_links
 from mecazen.robot import WHEEL_JOINTS, Robot
-from mecazen_physics import model
+from mecazen.rollers import Roller
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.rollers import Roller
 
 from mecazen_bench.engine import Engine, Sample
 from mecazen_bench.gazebo_peer import Shape
@@ -67,7 +67,7 @@ def mjcf(robot: Robot, dt_s: float, shape: Shape, settings: Settings = "default"
     contact.set("solref", f"{CONTACT_TIME_CONSTANT_STEPS * dt_s} 1")
     contact.set("friction", _text([robot.rollers.contact_friction, 0.0, 0.0]))
     if shape == "mesh":
-        vertices, _ = Roller.of(robot).mesh(MESH_RINGS, MESH_SEGMENTS)
+        vertices, _ = Roller.from_robot(robot).mesh(MESH_RINGS, MESH_SEGMENTS)
         asset = ET.SubElement(root, "asset")
         ET.SubElement(asset, "mesh", name="roller", vertex=_text(vertices.ravel().tolist()))
     world = ET.SubElement(root, "worldbody")
@@ -82,10 +82,8 @@ def mjcf(robot: Robot, dt_s: float, shape: Shape, settings: Settings = "default"
 
 def _add_robot(world: ET.Element, robot: Robot, shape: Shape) -> None:
     """Add the links as bodies; camera and lidar are part of the base, as in our world."""
-    links, roller = model.links(robot), Roller.of(robot)
-    mass, centre, inertia = model.lump(
-        [model.base(robot), *(link for link in links if link.axis is None)]
-    )
+    links, roller = robot_links(robot), Roller.from_robot(robot)
+    mass, centre, inertia = lump([base_link(robot), *(link for link in links if link.axis is None)])
     base = ET.SubElement(world, "body", name="base_link")
     ET.SubElement(base, "freejoint")
     full = _text(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist())

@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from mecazen.config import PhysicsConfig
 from mecazen.geometry import Pose2D
+from mecazen.links import hub_radius, robot_links
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.robot import WHEELS, Robot
+from mecazen.rollers import Roller
 from mecazen.wheels import WheelCommand
-from mecazen_physics import model
-from mecazen_physics.rollers import Roller
 from mecazen_physics.simulation import Simulation
 
 from docs.pictures import oblique
@@ -102,17 +102,17 @@ def _wheel(stage: Stage, robot: Robot, pose: Pose2D, name: str, angle: float) ->
     x, y, z = robot.wheel_position(name)
     below = at(pose, x, y, 0.0)
     stage.disc(below[0], below[1], 0.045, oblique.SHADE, alpha=0.6)
-    shape = Roller.of(robot)
+    shape = Roller.from_robot(robot)
     vertices, triangles = shape.mesh(rings=17, segments=24)
     c, s = math.cos(angle), math.sin(angle)
     turn = np.array(((c, 0.0, s), (0.0, 1.0, 0.0), (-s, 0.0, c)))
     faces, colors = [], []
-    for link in model.links(robot):
+    for link in robot_links(robot):
         if link.parent == f"{name}_wheel":
             local = (vertices @ link.rotation.T + link.translation) @ turn.T
             faces.append(local[triangles])
             colors.append(np.tile(ROLLER, (len(triangles), 1)))
-    hub = _hub(model.hub_radius(robot), robot.wheels.hub_width_m / 2.0)
+    hub = _hub(hub_radius(robot), robot.wheels.hub_width_m / 2.0)
     faces.append(hub)
     colors.append(np.tile(HUB, (len(hub), 1)))
     corners = np.concatenate(faces) + (x, y, z)  # noqa: RUF005  # arrays

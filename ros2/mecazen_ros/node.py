@@ -23,7 +23,6 @@ from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, Scenario
-from mecazen.description import ask_description
 from mecazen.errors import RefusedError
 from mecazen.graph import SHARED, Graph
 from mecazen.keys import Call, Topic, call_of_robot, of_robot
@@ -32,6 +31,7 @@ from mecazen.messages import Message, String
 from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.row import Row
+from mecazen.urdf import ask_description
 from mecazen.wire import Stamp
 
 from mecazen_ros import cdr, protocol, services, topics

@@ -1,37 +1,64 @@
-"""Contents of a URDF; an invalid one is refused with the reason."""
+"""The robot's description: built, served and read; what is no URDF is refused with the reason."""
 
 from itertools import pairwise
 
 import pytest
-from mecazen import urdf
-from mecazen.errors import RefusedError
+from harness import load_robot
+from mecazen import keys, urdf
+from mecazen.errors import BusError, ConfigError, RefusedError
+from mecazen.messages import Empty
+from mecazen.robot import WHEEL_JOINTS
+from mecazen.urdf import RobotDescription, ask_description, build_urdf, serve_description
 from viewer.toy import URDF
 
 TENFOLD = [f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghi")]
 BOMB = f'<!DOCTYPE r [<!ENTITY a "{"x" * 1000}">{"".join(TENFOLD)}]><robot name="&i;"/>'
 """XML of 2 kB whose name would have 100 GB."""
+JOINT = "<joint><parent link='a'/><child link='b'/></joint>"
+
+
+def test_the_description_has_every_roller_and_mesh():
+    robot = load_robot()
+    read = urdf.read(build_urdf(robot, "base_footprint"))
+    turning = [joint.name for joint in read.joints if joint.axis is not None]
+    assert turning[:4] == list(WHEEL_JOINTS)
+    assert len(turning) == 4 + 4 * robot.rollers.count
+    assert read.joints[-1].parent == "base_footprint"
+    meshes = {visual.mesh for visual in read.visuals.values() if visual.mesh}
+    assert meshes == urdf.build_meshes(robot).keys()
+    with pytest.raises(ConfigError, match="lidar_link is another link of the robot"):
+        build_urdf(robot, "lidar_link")
+
+
+def test_each_robots_description_is_served(bus):
+    served = {
+        robot: RobotDescription(f"<robot {robot}>", {"meshes/wheel.stl": robot.encode()})
+        for robot in ("one", "two")
+    }
+    for robot, description in served.items():
+        serve_description(bus, robot, description)
+    assert {robot: ask_description(bus, robot, 1.0) for robot in served} == served
+    with pytest.raises(BusError, match=r"^robot_description: nobody answers"):
+        ask_description(bus, "", 1.0)
+    call = keys.call_of_robot(keys.ROBOT_DESCRIPTION, "two")
+    assert bus.call(call, Empty()).data == "<robot two>"
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "no element"),
+        ("", "not a URDF: no element"),
         (BOMB, "amplification"),
         ("<!DOCTYPE r [<!ENTITY x SYSTEM 'file:///etc/passwd'>]><r>&x;</r>", "undefined entity"),
         ("<robot><link name='a'><visual/></link></robot>", "visual  without geometry"),
         ("<robot><link name='a'><visual><geometry/></visual></link></robot>", "empty geometry"),
         (URDF.replace("box size", "ball size").replace("</box>", "</ball>"), "ball"),
         (URDF.replace('xyz="0 1 0"', 'xyz="0 1"'), "'0 1' must be 3 numbers"),
+        (URDF.replace('xyz="0 1 0"', 'xyz="0 1 z"'), "could not convert string to float"),
         (URDF.replace('<child link="mast"/>', ""), "mast_joint without child"),
+        (f"<robot>{JOINT * 1001}</robot>", "1001 joints; at most 1000"),
     ],
 )
-def test_what_is_no_urdf_is_refused_with_what_is_wrong(text, words):
-    with pytest.raises(RefusedError, match=words) as caught:
+def test_text_that_is_no_urdf_is_refused(text, words):
+    with pytest.raises(RefusedError, match=words):
         urdf.read(text)
-    assert "not a URDF" in str(caught.value)
-
-
-def test_a_urdf_of_too_many_joints_is_refused():
-    joint = "<joint><parent link='a'/><child link='b'/></joint>"
-    with pytest.raises(RefusedError, match="1001 joints; at most 1000"):
-        urdf.read(f"<robot>{joint * 1001}</robot>")

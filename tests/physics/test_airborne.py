@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from mecazen_physics.rollers import Roller
+from mecazen.rollers import Roller
 from mecazen_physics.state import BASE_DOFS
 from msgspec.structs import replace
 from physics_rig import Rig
@@ -20,7 +20,7 @@ def test_an_airborne_roller_keeps_its_spin_but_for_its_bearings_friction(nexus):
     motion.velocity[fifth] = 10.0
     rig.body.write(motion)
     state = rig.advance([0.0] * 4, 100)
-    decay = friction / Roller.of(robot).inertia[1]
+    decay = friction / Roller.from_robot(robot).inertia[1]
     # 6 %: DART's implicit steps of 1 ms, of a time constant of 30 ms, three times over.
     expected = 10.0 * math.exp(-0.1 * decay)
     assert state.joint_velocity[4 + 4] == pytest.approx(expected, rel=0.06)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
+from mecazen.rollers import Roller
 from mecazen_physics.footprint import Footprint
-from mecazen_physics.rollers import Roller
 from msgspec.structs import replace
 from physics_rig import Rig
 
@@ -57,7 +57,7 @@ def test_a_robots_footprint_holds_its_wheels_and_is_as_fast_as_its_corners(nexus
 def test_a_robots_footprint_holds_every_roller(robot, angle_deg):
     robot = replace(robot, rollers=replace(robot.rollers, angle_deg=angle_deg))
     length, width = robot.footprint
-    centres, radii = Roller.of(robot).spheres(41)
+    centres, radii = Roller.from_robot(robot).spheres(41)
     skeleton = Rig(robot, rollers="all").body.skeleton
     for body in skeleton.getBodyNodes()[-len(WHEELS) * robot.rollers.count :]:
         pose = body.getWorldTransform()

@@ -8,9 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_physics import model
+from mecazen.links import robot_links
+from mecazen.rollers import Roller
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.rollers import Roller, lateral_gain
+from mecazen_physics.rollers import lateral_gain
 from physics_rig import Rig, masses, wheel_speeds
 
 FORWARD, LEFT = Twist2D(x=0.3), Twist2D(y=0.3)
@@ -73,7 +74,7 @@ def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus)
         return float(np.mean([np.dot(s.joint_effort[:4], s.joint_velocity[:4]) for s in states]))
 
     friction = 5e-5
-    roller = Roller.of(nexus)
+    roller = Roller.from_robot(nexus)
     arc = np.linspace(-roller.half_arc, roller.half_arc, 101)
     radius = roller.wheel_radius - roller.axis_distance / np.cos(arc)
     spin = LEFT.y * lateral_gain(nexus) / math.sin(roller.angle) / radius
@@ -119,7 +120,7 @@ def test_commanded_torque_is_limited_and_stops_at_the_motors_speed(robot):
     assert rig.state().joint_effort[:4] == [limit, -limit, 0.0, 0.0]
     rig.advance_effort([100.0, -100.0, 0.0, 0.0], 200)
     speeds = rig.state().joint_velocity
-    step = limit / model.links(robot)[0].moments[1] * 1e-3  # at most one step's gain beyond
+    step = limit / robot_links(robot)[0].moments[1] * 1e-3  # at most one step's gain beyond
     assert fastest <= speeds[0] <= fastest + step
     assert -fastest - step <= speeds[1] <= -fastest
 

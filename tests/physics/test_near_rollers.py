@@ -11,11 +11,11 @@ import numpy.typing as npt
 import pytest
 from mecazen.config.world import Box
 from mecazen.robot import Robot
+from mecazen.rollers import Roller
 from mecazen_physics import motors
 from mecazen_physics import robot as robot_module
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.near_rollers import NearRollersBody
-from mecazen_physics.rollers import Roller
 from mecazen_physics.state import BASE_DOFS, Motion, RobotState
 from msgspec.structs import replace
 from physics_rig import Rig, after_mixed_driving
@@ -157,7 +157,7 @@ def energy(rig: Rig, robot: Robot) -> float:
     total = float(rig.body.skeleton.computeKineticEnergy())
     if isinstance(rig.body, NearRollersBody):
         _, spins, carried = rig.body.airborne.places[:, :, 1:-1]
-        total += 0.5 * Roller.of(robot).inertia[1] * float(np.sum((spins + carried) ** 2))
+        total += 0.5 * Roller.from_robot(robot).inertia[1] * float(np.sum((spins + carried) ** 2))
     return total
 
 

@@ -29,10 +29,10 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.node import Inputs, Tick
 from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
 from mecazen.skeleton import JOINTS
+from mecazen.urdf import build_meshes
 from mecazen.wire import encode
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.node import PhysicsWorld
-from mecazen_physics.urdf import meshes
 
 TICK_NS = 10_000_000
 FAST = PhysicsConfig(dt_s=0.002)
@@ -274,7 +274,7 @@ def test_the_robot_description_is_a_urdf_and_its_meshes_are_served():
     assert {j.get("name") for j in root.findall("joint")} >= set(driven.joints().name)
     files = driven.world.files("")["robot_description"]
     assert {mesh.get("filename") for mesh in root.iter("mesh")} == set(files)
-    assert files == meshes(load_robot())
+    assert files == build_meshes(load_robot())
     assert driven.world.diagnostics() == {"x_m": 1.0, "y_m": 2.0}
 
 

@@ -8,14 +8,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from mecazen.robot import Robot
-from mecazen_physics.rollers import Roller, binary_stl, lateral_gain, yaw_gain
+from mecazen.rollers import Roller, binary_stl
+from mecazen_physics.rollers import lateral_gain, yaw_gain
 
 Array = npt.NDArray[np.float64]
 
 
 @pytest.fixture
 def roller(robot: Robot) -> Roller:
-    return Roller.of(robot)
+    return Roller.from_robot(robot)
 
 
 def axis(roller: Roller) -> Array:
@@ -130,7 +131,7 @@ def test_lateral_gain_is_the_mean_over_the_rollers_arc(nexus, count, expected):
 
 
 def test_gains_follow_from_no_slip_at_sampled_wheel_angles(robot):
-    roller = Roller.of(robot)
+    roller = Roller.from_robot(robot)
     theta = (np.arange(2000) + 0.5) / 1000 * roller.half_arc - roller.half_arc
     axes = np.stack([np.sin(roller.angle) * np.cos(theta), np.full(2000, np.cos(roller.angle))])
     # With ω·R = 1 the contact's velocity (v_x - 1, v_y) is across the axis; v_x = 0.

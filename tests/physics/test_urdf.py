@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 from mecazen.robot import Robot
-from mecazen_physics.urdf import build_urdf, meshes
+from mecazen.urdf import build_meshes, build_urdf
 from physics_rig import Rig
 
 
@@ -39,12 +39,12 @@ def test_masses_sum_up_to_the_robot_files(tree, robot):
 
 def test_one_mesh_serves_all_rollers(tree, robot):
     used = {mesh.get("filename") for mesh in tree.iter("mesh")}
-    assert used == set(meshes(robot)) == {"meshes/roller.stl"}
+    assert used == set(build_meshes(robot)) == {"meshes/roller.stl"}
 
 
 def write(robot, folder):
     (folder / "meshes").mkdir()
-    for name, data in meshes(robot).items():
+    for name, data in build_meshes(robot).items():
         (folder / name).write_bytes(data)
     file = folder / "robot.urdf"
     file.write_text(build_urdf(robot))

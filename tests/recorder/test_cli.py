@@ -8,8 +8,8 @@ import msgspec
 import pytest
 from harness import Command, assert_one_line, mecazen
 from mecazen import keys
-from mecazen.description import RobotDescription, serve_description
 from mecazen.messages import Odometry, String
+from mecazen.urdf import RobotDescription, serve_description
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.writer import Writer
-from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
 from mecazen.messages import Twist, Vector3
+from mecazen.urdf import RobotDescription
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import MAX_CHUNK_BYTES, Recording, Sample

@@ -5,9 +5,9 @@ from contextlib import closing
 import pytest
 from harness import Newest, assert_one_line
 from mecazen import keys
-from mecazen.description import RobotDescription, ask_description
 from mecazen.messages import Clock, Header, Observation, Time
 from mecazen.robots import join_key
+from mecazen.urdf import RobotDescription, ask_description
 from mecazen_recorder.writer import RecordingWriter
 from recorder.ticks import odometry, stamp_of, tick
 

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 from harness import ROOT
+from mecazen.links import base_link, robot_links
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.wheels import WheelCommand
-from mecazen_physics import model
 from mecazen_physics.bodies import GRAVITY
 
 from docs.pictures import charts, rollers
@@ -77,7 +77,7 @@ def test_forces_of_the_ground_carry_the_robot_and_push_it_to_its_left():
         simulation.advance([command], 1)
         forces = rollers.contacts(simulation)
         weights.append(sum(force.normal[2] for force in forces))
-    mass = sum(link.mass for link in (model.base(robot), *model.links(robot)))
+    mass = sum(link.mass for link in (base_link(robot), *robot_links(robot)))
     # single steps differ by 10 % as rollers come and go; in 0.3 s at 1 cm/s their mean by 0.4 %
     assert np.mean(weights) == pytest.approx(GRAVITY * mass, rel=0.005)
     ahead, left, _ = sum(force.friction for force in forces)

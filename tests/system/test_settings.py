@@ -15,12 +15,12 @@ import pytest
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.description import ask_description
 from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
 from mecazen.loading import effective, from_tables
 from mecazen.programs import graph_of
 from mecazen.schema import Section
+from mecazen.urdf import ask_description
 from mecazen_tools.simulate import InProcess
 from mecazen_tools.simulation import load
 from msgspec import inspect as types

@@ -8,11 +8,10 @@ import pytest
 from harness import SCENARIOS, error_of
 from mecazen import Simulation
 from mecazen.config.people import FASTEST_M_S
-from mecazen.description import ask_description
 from mecazen.errors import ConfigError, NodeError
 from mecazen.limits import FASTEST_PERSON
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.urdf import read
+from mecazen.urdf import ask_description, read
 from mecazen_recorder.plot import _read
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute

@@ -8,8 +8,8 @@ from hypothesis import given
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.description import RobotDescription, serve_description
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.urdf import RobotDescription, serve_description
 from mecazen.wire import Stamp
 from viewer_stage import COVARIANCE, URDF, Stage
 

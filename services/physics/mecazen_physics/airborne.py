@@ -24,10 +24,9 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.links import robot_links
 from mecazen.robot import WHEELS, Robot
-
-from mecazen_physics import model
-from mecazen_physics.rollers import Roller
+from mecazen.rollers import Roller
 
 Array = npt.NDArray[np.float64]
 
@@ -52,7 +51,7 @@ class AirborneRollers:
     def __init__(self, robot: Robot, dt: float) -> None:
         count = robot.rollers.count
         self._friction = robot.rollers.bearing_friction_nms
-        self._inertia = Roller.of(robot).inertia[1]
+        self._inertia = Roller.from_robot(robot).inertia[1]
         self._dt = dt
         self._kept = 1.0 / (1.0 + self._friction * dt / self._inertia)
         # the last row is a·ω after the next chunk
@@ -61,7 +60,7 @@ class AirborneRollers:
         self.places: Array = self.state.reshape(3, _WHEELS, count)
         """A view of `state`."""
         self._rates = [0.0] * (3 * _WHEELS)
-        rollers = model.links(robot)[_WHEELS : _WHEELS * (1 + count)]
+        rollers = robot_links(robot)[_WHEELS : _WHEELS * (1 + count)]
         axes = np.array([roller.rotation[:, 2] for roller in rollers]).T
         axes = axes.reshape(3, _WHEELS, count)
         self._axes: Array = (axes[:, None] * np.eye(_WHEELS)[:, :, None]).reshape(3 * _WHEELS, -1)

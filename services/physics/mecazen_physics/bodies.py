@@ -11,12 +11,13 @@ import numpy as np
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder, Patch, Person
 from mecazen.geometry import Pose2D
+from mecazen.links import base_link, lump
 from mecazen.robot import WHEELS, Robot
+from mecazen.rollers import Roller
 
 from mecazen_physics import model
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.people import LEGS
-from mecazen_physics.rollers import Roller
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
@@ -38,7 +39,7 @@ def check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
     DART damps a joint before it solves the contacts. So a roller that the ground keeps turning has
     the friction c/(1 + c·dt/I) instead of c.
     """
-    highest = 0.1 * Roller.of(robot).inertia[1] / physics.dt_s
+    highest = 0.1 * Roller.from_robot(robot).inertia[1] / physics.dt_s
     friction = robot.rollers.bearing_friction_nms
     if friction > highest:
         raise UnsupportedError(
@@ -144,8 +145,8 @@ def build_robot(
     root, base = skeleton.createFreeJointAndBodyNodePair()
     base.setName("base_link")
     root.setTransform(_planar(start, 0.0))
-    trunk = [model.base(robot), *(link for link in links if link.axis is None)]
-    base.setInertia(dart.dynamics.Inertia(*model.lump(trunk)))
+    trunk = [base_link(robot), *(link for link in links if link.axis is None)]
+    base.setInertia(dart.dynamics.Inertia(*lump(trunk)))
     friction = highest_friction(robot, world)
     if not lumped:
         _collide_base(base, robot, friction)
@@ -168,7 +169,7 @@ def build_robot(
         bodies[link.name] = body
         joints.append(joint)
     for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
-        wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*model.lump(parts)))
+        wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*lump(parts)))
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:
         wheel.setForceUpperLimit(0, limit)
@@ -195,7 +196,7 @@ def _add_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
 
 def _collide_base(base: Any, robot: Robot, friction: float) -> None:
     box = dart.dynamics.BoxShape([robot.base.length_m, robot.base.width_m, robot.base.height_m])
-    _collide(base, box, friction, model.base(robot).centre)
+    _collide(base, box, friction, base_link(robot).centre)
     camera = dart.dynamics.BoxShape(robot.camera.size_m)
     _collide(base, camera, friction, robot.camera.position_m)
     lidar = dart.dynamics.CylinderShape(*robot.lidar.size_m)
@@ -206,7 +207,7 @@ def _collide_base(base: Any, robot: Robot, friction: float) -> None:
 
 
 def _barrel(robot: Robot) -> Any:
-    centres, radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
+    centres, radii = Roller.from_robot(robot).spheres(robot.rollers.hull_spheres)
     return dart.dynamics.MultiSphereConvexHullShape(
         [(radius, [0.0, 0.0, centre]) for centre, radius in zip(centres, radii, strict=True)]
     )
@@ -222,7 +223,7 @@ def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldCon
     base = skeleton.getBodyNode(0)
     if not base.getShapeNodes():
         _collide_base(base, robot, highest_friction(robot, world))
-    centres, radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
+    centres, radii = Roller.from_robot(robot).spheres(robot.rollers.hull_spheres)
     rollers = 2.0 * float(np.max(centres * math.cos(robot.roller_angle) + radii))
     width = max(robot.wheels.hub_width_m, rollers)
     for wheel in wheels:

@@ -10,10 +10,11 @@ from typing import Literal
 import dartpy as dart
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
+from mecazen.links import robot_links
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import bodies
-from mecazen_physics.model import Tree, links
+from mecazen_physics.model import Tree
 from mecazen_physics.scene import Layers, Scene
 from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion
 
@@ -198,7 +199,7 @@ class AllRollersBody(RobotBody):
     @staticmethod
     def tree(robot: Robot) -> Tree:
         """Return all links."""
-        return links(robot), []
+        return robot_links(robot), []
 
     def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
         """Return `steps`: any number can be simulated at once."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from mecazen.config import PhysicsConfig
 from mecazen.config.services import Pid
+from mecazen.links import robot_links
 from mecazen.robot import WHEELS, Robot
 from mecazen.robot import Motors as RealMotors
 from mecazen.wheels import WheelCommand
@@ -64,7 +65,7 @@ class Motors:
         self._dt = physics.dt_s
         self._max_torque = robot.wheels.max_torque_nm
         self._max_speed = robot.wheels.max_speed_rad_s
-        self._hub_inertia = model.links(robot)[0].moments[1]
+        self._hub_inertia = robot_links(robot)[0].moments[1]
         self._torque_per_change = model.driven_inertia(robot) / physics.dt_s
         """Torque [N·m] for each rad/s by which a wheel's speed changes in one step."""
         self._pids: list[WheelPid] = []

@@ -45,6 +45,7 @@ from mecazen.portable import Floats
 from mecazen.robot import WHEELS
 from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
+from mecazen.urdf import build_meshes, build_urdf
 from mecazen.wheels import Watchdog, WheelCommand, wheel_command
 
 from mecazen_physics.instruments import Battery, Encoders, Imu
@@ -52,7 +53,6 @@ from mecazen_physics.people import MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.start import check_obstacles, check_person, steps_per_tick
-from mecazen_physics.urdf import build_urdf, meshes
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
 TOO_FAR = f"farther from where they were than {FASTEST_PERSON:g} m/s take one"
@@ -224,7 +224,8 @@ class PhysicsNode(Node):
 
     def files(self) -> Mapping[str, Mapping[str, bytes]]:
         """Return the meshes that the URDFs name."""
-        return {call.key: meshes(self.parts[name].robot) for call, name in self.calls.items()}
+        names = self.calls.items()
+        return {call.key: build_meshes(self.parts[name].robot) for call, name in names}
 
     def diagnostics(self) -> dict[str, object]:
         """Return the positions of the robots."""

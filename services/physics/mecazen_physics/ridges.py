@@ -17,9 +17,9 @@ import numpy as np
 from mecazen.config.world import Ridge
 from mecazen.portable import Floats
 from mecazen.robot import WHEELS, Robot
+from mecazen.rollers import Roller
 
 from mecazen_physics import bodies
-from mecazen_physics.rollers import Roller
 from mecazen_physics.scene import Scene
 
 NEAR_M = 0.002
@@ -93,7 +93,7 @@ class RidgeContacts:
     ) -> None:
         self._profiles = [Profile(ridge) for ridge in ridges]
         self._hubs, self._rollers = wheels, rollers
-        centres, self._radii = Roller.of(robot).spheres(robot.rollers.hull_spheres)
+        centres, self._radii = Roller.from_robot(robot).spheres(robot.rollers.hull_spheres)
         self._centres, self._count = centres, robot.rollers.count
         reach = float(np.max(np.abs(centres) + self._radii))
         self._bound = reach + NEAR_M

@@ -7,10 +7,11 @@ from functools import cached_property, partial
 
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
+from mecazen.links import robot_links
 from mecazen.robot import WHEELS, Robot
 from mecazen.wheels import WheelCommand
 
-from mecazen_physics import bodies, model
+from mecazen_physics import bodies
 from mecazen_physics.body import MAX_TILT_RAD, AllRollersBody, RobotBody
 from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, Footprint, horizon_steps
 from mecazen_physics.motors import Motors, Push
@@ -55,7 +56,7 @@ class SimulatedRobot:
         # No contact makes a robot ten times as fast as its motors can.
         self.max_speed = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         """A robot that is faster [m/s] has diverged."""
-        self.joint_names = tuple(link.joint for link in model.links(robot) if link.axis is not None)
+        self.joint_names = tuple(link.joint for link in robot_links(robot) if link.axis is not None)
         """The wheels' joints and those of all rollers."""
         solids = bodies.reachable(robot, world)
         self._obstacles = [Footprint.of_obstacle(solid) for solid in solids]

@@ -156,7 +156,7 @@ def replay(
     mecazen replay run.mcap --through follower ·
     mecazen replay convoy.mcap --through follower --robot two
     """
-    from mecazen.description import serve_description
+    from mecazen.urdf import serve_description
 
     from mecazen_recorder.reader import Recording
     from mecazen_recorder.replay import publish

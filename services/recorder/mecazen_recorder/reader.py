@@ -18,7 +18,6 @@ from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario
-from mecazen.description import RobotDescription
 from mecazen.errors import UntrustedError
 from mecazen.explain import one_line
 from mecazen.files import MAX_BYTES, MAX_TOML_BYTES, open_regular, parse_toml
@@ -28,6 +27,7 @@ from mecazen.loading import from_tables, renamed_in, robots_in
 from mecazen.messages import Message, MessageT
 from mecazen.robots import split_key
 from mecazen.text import printable, shortened
+from mecazen.urdf import RobotDescription
 from mecazen.wire import JSON_ENCODING, MAX_TIME_NS, NS_PER_S, RefusedError, Stamp, decode, encode
 from mecazen_ros import cdr
 from zstandard import ZstdDecompressor, ZstdError

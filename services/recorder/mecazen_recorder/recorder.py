@@ -16,7 +16,6 @@ from mecazen.bus.inbox import SAMPLE_BYTES
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import Sent, ZenohBus, bytes_of
 from mecazen.config import RecorderConfig
-from mecazen.description import RobotDescription, ask_description
 from mecazen.errors import BusError
 from mecazen.keys import Topic, call_of_robot, of_robot, resolve
 from mecazen.loading import renamed_in, robots_in
@@ -25,6 +24,7 @@ from mecazen.robots import split_key
 from mecazen.runtime.pace import RECORD, Receipts
 from mecazen.runtime.process import stop_on_signals
 from mecazen.runtime.readiness import READY
+from mecazen.urdf import RobotDescription, ask_description
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 
 from mecazen_recorder.runs import FirstSamples

@@ -13,10 +13,10 @@ from mcap.opcode import Opcode
 from mcap.well_known import MessageEncoding
 from mcap.writer import Writer
 from mecazen.config.services import Encoding
-from mecazen.description import RobotDescription
 from mecazen.errors import MecazenError
 from mecazen.messages import DiagnosticArray, Message
 from mecazen.robots import join_key
+from mecazen.urdf import RobotDescription
 from mecazen.wire import JSON_ENCODING, RefusedError, Stamp, encode
 from mecazen_ros import cdr
 from mecazen_ros.types import definition

@@ -10,13 +10,12 @@ import numpy as np
 import rerun as rr
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.description import RobotDescription
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, Standoff
 from mecazen.graph import CROWD, WORLDS
 from mecazen.limits import FARTHEST_M
 from mecazen.robot import WHEELS
-from mecazen.urdf import read
+from mecazen.urdf import RobotDescription, read
 
 from mecazen_viewer import covariance, plots, senses, things
 from mecazen_viewer import entities as e

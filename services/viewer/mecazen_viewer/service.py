@@ -15,12 +15,12 @@ import rerun_bindings
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
-from mecazen.description import ask_description
 from mecazen.errors import BusError, MecazenError, RefusedError
 from mecazen.keys import Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
 from mecazen.runtime.observer import Observer
+from mecazen.urdf import ask_description
 from mecazen.wire import NS_PER_S, Stamp
 
 from mecazen_viewer.entities import TIMELINE, Entity, of_robot
