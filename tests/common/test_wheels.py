@@ -7,7 +7,7 @@ from harness import load_robot
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.config import ControllerConfig, PhysicsConfig, Scenario, SensorConfig
-from mecazen.config.controller import AngularLimits, AxisLimits, LinearLimits
+from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
 from mecazen.drive import Drive
 from mecazen.geometry import Twist2D
 from mecazen.wheels import MecanumKinematics, Watchdog, WheelCommand, WheelSpeeds

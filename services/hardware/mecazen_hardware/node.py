@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from mecazen.config import Scenario
-from mecazen.config.services import MAX_DT_S
 from mecazen.errors import ConfigError, RefusedError
-from mecazen.extras import is_installed
 from mecazen.keys import (
     BATTERY_STATE,
     EMERGENCY_STOP,
     IMU,
     JOINT_COMMAND,
     JOINT_STATES,
+    ROBOT_DESCRIPTION,
     STOP_MOTORS,
     Call,
     Topic,
 )
 from mecazen.messages import BatteryState, Header, Imu, JointState, Message, String, Vector3
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen.programs import find
+from mecazen.urdf import build_meshes, build_urdf
 from mecazen.wheels import Watchdog, WheelCommand, WheelSpeeds, wheel_command
-from msgspec.structs import replace
 
 from mecazen_hardware.driver import Driver
 
@@ -64,6 +61,7 @@ class HardwareNode(Node):
             raise ConfigError("hardware: a real robot runs in real time: `mecazen up`")
         if scenario.sim.speed != 1.0:
             raise ConfigError(f"sim.speed = {scenario.sim.speed:g}: with hardware it must be 1")
+        self._urdf = build_urdf(scenario.robot, scenario.controller.base_frame_id)
 
     def reset(self, seed: int) -> None:
         """Begin a run at rest: open the port, or use the open port."""
@@ -93,29 +91,13 @@ class HardwareNode(Node):
             )
         return outputs
 
-    def answer(self, call: Call[Any, Any], request: Message) -> Message:
-        """Return the robot's URDF, which physics generates.
-
-        Raises:
-            RefusedError: The extra of physics is not installed.
-        """
-        return self._physics().answer(call, request)
+    def answer(self, call: Call[Any, Any], request: Message) -> String:
+        """Return the robot's URDF."""
+        return String(data=self._urdf)
 
     def files(self) -> Mapping[str, Mapping[str, bytes]]:
         """Return the meshes that the URDF names."""
-        try:
-            return self._physics().files()
-        except RefusedError:
-            return {}
-
-    def _physics(self) -> Node:
-        if not is_installed("physics"):
-            raise RefusedError("the description of the robot needs pip install 'mecazen[physics]'")
-        sim = self.scenario.sim  # physics needs a tick of whole steps; the tick here is arbitrary
-        within = replace(self.scenario.physics, dt_s=sim.tick_s / math.ceil(sim.tick_s / MAX_DT_S))
-        physics = find("physics", {})
-        assert issubclass(physics, Node)
-        return physics(replace(self.scenario, physics=within))
+        return {ROBOT_DESCRIPTION.key: build_meshes(self.scenario.robot)}
 
     def diagnostics(self) -> Mapping[str, object]:
         """Return the state of the link and of the board."""
