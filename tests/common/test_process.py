@@ -20,7 +20,6 @@ from harness import COMMAND_GUARD_S, wait
 from mecazen.bus import LocalBus
 from mecazen.config import BusConfig, Process, SimConfig
 from mecazen.errors import BusError
-from mecazen.graph import TABLE
 from mecazen.keys import SIM_STATE
 from mecazen.messages import Empty
 from mecazen.node import Node
@@ -32,10 +31,10 @@ from mecazen.runtime.worker import Worker
 from mecazen.wire import Stamp
 
 TOYS = """
-from mecazen.row import Row, every, latest
+from mecazen.row import Row, due, every, latest
 from mecazen.keys import CLOCK, CMD_VEL, GROUND_TRUTH, JOINT_STATES, TARGET_CMD_VEL
 from mecazen.messages import JointState, Odometry, Twist
-from mecazen.node import Node, World
+from mecazen.node import Node
 from mecazen.runtime.observer import Observer
 
 
@@ -65,14 +64,19 @@ class Broken(Toy):
         raise ZeroDivisionError("no seed is good enough")
 
 
-class Still(World):
-    ROW = Row("still", "", (every(TARGET_CMD_VEL),), (JOINT_STATES, GROUND_TRUTH))
+class Still(Node):
+    ROW = Row(
+        "still",
+        "",
+        (every(CLOCK), due(TARGET_CMD_VEL, before=True)),
+        (JOINT_STATES, GROUND_TRUTH),
+    )
 
     def reset(self, seed):
         pass
 
     def step(self, tick, inputs):
-        return {name: {JOINT_STATES: JointState(), GROUND_TRUTH: Odometry()} for name in inputs}
+        return {JOINT_STATES: JointState(), GROUND_TRUTH: Odometry()}
 
 
 class Page(Observer):
@@ -346,8 +350,6 @@ class Page(Observer):
 
 
 class Still(Node):
-    ROW = TABLE["target"]
-
     def reset(self, seed): ...
 
     def step(self, tick, inputs):
@@ -368,7 +370,10 @@ def toys(monkeypatch):
 def test_with_the_world_there_is_time_and_without_it_a_worker_that_waits(scenario, services, kind):
     driver = running.drive([(service, "") for service in services], LocalBus(), scenario)
     assert type(driver) is kind
-    assert {hosted.name for hosted in driver.host.hosted} == set(services)
+    assert {turn.row.name for turn in driver.host.loop.turns} == {
+        *services,
+        *(["clock"] if kind is Clock else []),
+    }
 
 
 @pytest.mark.usefixtures("toys")

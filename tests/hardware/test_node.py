@@ -17,7 +17,7 @@ from mecazen.robot import WHEEL_JOINTS
 from mecazen.runtime.clock import Clock
 from mecazen.runtime.host import Host
 from mecazen_hardware.errors import HardwareError
-from mecazen_hardware.node import HardwareWorld
+from mecazen_hardware.node import HardwareNode
 
 SERVICES = ("hardware", "controller")
 MOST_S = 0.5
@@ -189,7 +189,7 @@ def test_what_a_real_robot_has_not_is_refused_before_it_moves():
         ("real_time", {"speed": 2.0}, "must be 1"),
     ):
         with pytest.raises(ConfigError, match=words):
-            HardwareWorld(scenario(sim=SimConfig(mode=mode, **settings)))
+            HardwareNode(scenario(sim=SimConfig(mode=mode, **settings)))
     with pytest.raises(ConfigError, match=r"target needs ground_truth/odom, which a real robot"):
         graph_of(scenario(services=("hardware", "controller", "target")))
     with pytest.raises(ValueError, match="hardware takes the place of physics"):

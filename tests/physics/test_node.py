@@ -32,7 +32,7 @@ from mecazen.skeleton import JOINTS
 from mecazen.urdf import build_meshes
 from mecazen.wire import encode
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.node import PhysicsWorld
+from mecazen_physics.node import PhysicsNode
 
 TICK_NS = 10_000_000
 FAST = PhysicsConfig(dt_s=0.002)
@@ -58,7 +58,7 @@ class Driven:
     """Robots that get commands and people in every tick, by the names of the robots."""
 
     def __init__(self, config: PhysicsConfig = FAST, **changes: Any) -> None:
-        self.world = PhysicsWorld(scenario(config, **changes))
+        self.world = PhysicsNode(scenario(config, **changes))
         self.begin()
 
     def begin(self) -> None:

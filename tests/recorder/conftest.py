@@ -17,7 +17,7 @@ from mecazen.geometry import Twist2D
 from mecazen.row import Row, due, every
 from mecazen.keys import CMD_VEL, OBSERVATION, ODOM
 from mecazen.messages import Twist
-from mecazen.node import Node, World
+from mecazen.node import Node
 
 class Mine(Node):
     ROW = Row("follower", inputs=(every(ODOM), due(OBSERVATION)), outputs=(CMD_VEL,))
@@ -31,9 +31,6 @@ class Mine(Node):
 
 class Other(Mine):
     ROW = Row("other", inputs=Mine.ROW.inputs, outputs=(CMD_VEL,))
-
-class Advances(World):
-    ROW = Mine.ROW
 """
 
 

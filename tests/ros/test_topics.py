@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.graph import TABLE
+from mecazen.graph import NODES
 from mecazen_ros import protocol
 from mecazen_ros.cdr import decode, encode
 from mecazen_ros.topics import fixed_frames, full_name, portable_urdf, publications, subscriptions
@@ -137,7 +137,7 @@ def test_rules_of_access_name_keys_in_ros():
     assert protocol.received_keys(keys.CMD_VEL) == [f"**/{twist}", f"**/{stamped}"]
     assert protocol.received_keys(keys.CMD_VEL, "two", "lab")[0] == f"*/lab/two/{twist}"
     assert protocol.received_keys(keys.CMD_VEL, "two", "")[0] == f"*/two/{twist}"
-    odom, tf = protocol.published_keys(TABLE["odometry"], keys.ODOM)
+    odom, tf = protocol.published_keys(NODES["odometry"], keys.ODOM)
     assert odom == "**/odom/nav_msgs::msg::dds_::Odometry_/*"
     assert tf == "**/tf/tf2_msgs::msg::dds_::TFMessage_/*"
     step = "**/step_simulation/simulation_interfaces::srv::dds_::StepSimulation_/*"

@@ -9,10 +9,11 @@ from typing import Any
 import msgspec
 from mecazen import keys
 from mecazen.config import Scenario
+from mecazen.graph import NODES
 from mecazen.node import Outputs, Tick
 from mecazen_controller.node import ControllerNode, OdometryNode
 from mecazen_follower.node import FollowerNode
-from mecazen_physics.node import PhysicsWorld
+from mecazen_physics.node import PhysicsNode
 from mecazen_target.node import TargetNode
 
 FOLDER = "MECAZEN_TEST_COUNTS"
@@ -20,7 +21,9 @@ FOLDER = "MECAZEN_TEST_COUNTS"
 
 
 class _Counting:
-    """Before a node or a world in the bases of a class."""
+    """Before a node in the bases of a class, which has the node's name."""
+
+    name: str
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
@@ -41,29 +44,34 @@ class _Counting:
 
     def diagnostics(self) -> Mapping[str, object]:
         # asked for once in each report of the service
-        if self.ROW.part_of == self.ROW.name:
-            self.counts[f"diagnostics/{self.ROW.name}"] += 1
+        if NODES[self.name].part_of == self.name:
+            self.counts[f"diagnostics/{self.name}"] += 1
         return super().diagnostics()
 
     def close(self) -> None:
         super().close()
-        (Path(os.environ[FOLDER]) / self.ROW.name).write_bytes(msgspec.json.encode(self.counts))
+        (Path(os.environ[FOLDER]) / self.name).write_bytes(msgspec.json.encode(self.counts))
 
 
-class Physics(_Counting, PhysicsWorld):
-    def count(self, outputs: Mapping[str, Outputs]) -> None:
-        self.counts[keys.CLOCK.key] += 1  # its time owner publishes one with every step
-        for of_robot in outputs.values():
-            super().count(of_robot)
+class Physics(_Counting, PhysicsNode):
+    name = "physics"
+
+    def count(self, outputs: Outputs) -> None:
+        self.counts[keys.CLOCK.key] += 1  # the clock publishes one before every step
+        super().count(outputs)
 
 
-class Odometry(_Counting, OdometryNode): ...
+class Odometry(_Counting, OdometryNode):
+    name = "odometry"
 
 
-class Controller(_Counting, ControllerNode): ...
+class Controller(_Counting, ControllerNode):
+    name = "controller"
 
 
-class Target(_Counting, TargetNode): ...
+class Target(_Counting, TargetNode):
+    name = "target"
 
 
-class Follower(_Counting, FollowerNode): ...
+class Follower(_Counting, FollowerNode):
+    name = "follower"

@@ -51,8 +51,7 @@ def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_d
     settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
     run = InProcess(load_scenario(RANGE, parse_settings(settings)))
     measured = []
-    rows = {hosted.turn.row.name: hosted.turn.row for hosted in run.host.hosted}
-    (topic,) = rows["range"].outputs
+    (topic,) = next(turn for turn in run.host.turns if turn.name == "range").outputs
     run.bus.subscribe(topic, lambda m, _: measured.append((m.header.stamp.ns / 1e9, m.range)))
     run.begin()
     for _ in range(199):

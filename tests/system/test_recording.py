@@ -11,7 +11,7 @@ import pytest
 from harness import SCENARIOS, assert_one_line, mecazen, options
 from mecazen import Simulation, keys
 from mecazen.config import SensorConfig
-from mecazen.graph import GRAPH
+from mecazen.graph import rows
 from mecazen.messages import Empty, GuardState, ResetRequest, StepRequest
 from mecazen_recorder.plot import figure
 from mecazen_recorder.reader import Recording, Sample
@@ -25,8 +25,7 @@ HARD = (
     "target.path.start_after_s=0.5",
 )
 NODES = ("odometry", "controller", "target", "follower")
-IN_FORCE = [row.within(SensorConfig().features) for row in GRAPH]
-EVERY_TICK = {topic.key for row in IN_FORCE if row for topic in row.outputs} - {
+EVERY_TICK = {t.key for row in rows(SensorConfig().features) for t in row.outputs} - {
     keys.OBSERVATION.key,
     keys.PEOPLE.key,  # of a crowd
     keys.PARAMETERS.key,  # nothing is changed

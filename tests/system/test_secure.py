@@ -19,7 +19,7 @@ from mecazen import keys
 from mecazen.bus.session import open_session, session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
-from mecazen.graph import services
+from mecazen.graph import GRAPH, services
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, OdometryRequest
 from mecazen.schema import Folder
@@ -89,7 +89,7 @@ MAY_PUT: dict[str, set[str]] = {
     "operator": {"cmd_vel", "target/cmd_vel", "emergency_stop", ros("cmd_vel", TWIST)},
 }
 ANSWERS = (
-    *(call.key for row in services()["physics"] for call in row.calls),
+    *(call.key for row in services(GRAPH)["physics"] for call in row.calls),
     f"{keys.ROBOT_DESCRIPTION.key}/**",
     ROS_RESET,
     ROS_GET,
