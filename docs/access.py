@@ -185,7 +185,7 @@ def _tokens(name: str) -> list[str]:
 
 
 def _plain(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:
-    return [f"{call.key}{'/**' if call.files else ''}" for call in calls]
+    return [f"{call.key}{'/**' if call is keys.ROBOT_DESCRIPTION else ''}" for call in calls]
 
 
 def _call_keys(calls: Sequence[keys.Call[Any, Any]]) -> list[str]:

@@ -10,8 +10,8 @@ from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, StartConfig
-from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.messages import diagonal_covariance
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.runtime.process import observe
 from mecazen.urdf import RobotDescription, serve_description

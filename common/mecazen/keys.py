@@ -53,10 +53,9 @@ class Call(Generic[RequestT, AnswerT]):
     meaning: str
     changes: bool = False
     """Whether the call changes state; then only the operator may use it."""
-    files: bool = False
-    """Whether files are served below the call's key."""
 
 
+# the world and the robot
 CLOCK = Topic("clock", m.Clock, "simulated time")
 JOINT_STATES = Topic("joint_states", m.JointState, "4 wheels, then every roller")
 GROUND_TRUTH = Topic("ground_truth/odom", m.Odometry, "the robot's true pose, in world")
@@ -65,54 +64,34 @@ BATTERY_STATE = Topic("battery_state", m.BatteryState, "the battery's voltage")
 JOINT_COMMAND = Topic("joint_command", m.JointState, "velocity or effort per wheel")
 ODOM = Topic("odom", m.Odometry, "odometry, in odom")
 CMD_VEL = Topic("cmd_vel", m.Twist, "commanded body velocity, in base_link", open=True)
-GUARD_CMD_VEL = Topic("guard/cmd_vel", m.Twist, "what the guard lets through of cmd_vel")
-GUARD_STATE = Topic("guard/state", m.GuardState, "what the guard does, and why")
-EMERGENCY_STOP = Topic(
-    "emergency_stop", m.Empty, "stops the motors until emergency_stop/release", open=True
-)
-TARGET_CMD_VEL = Topic(
-    "target/cmd_vel", m.Twist, "moves a person that is driven by hand", open=True
-)
+GUARD_CMD_VEL = Topic("guard/cmd_vel", m.Twist, "cmd_vel as limited by the guard")
+GUARD_STATE = Topic("guard/state", m.GuardState, "the guard's action and its reason")
+EMERGENCY_STOP = Topic("emergency_stop", m.Empty, "stops the motors until released", open=True)
+
+# people and how they are perceived
+TARGET_CMD_VEL = Topic("target/cmd_vel", m.Twist, "velocity of a person driven by hand", open=True)
 TARGET_ODOM = Topic("target/odom", m.Odometry, "the person's true pose, in world")
 TARGET_SKELETON = Topic("target/skeleton", m.Skeleton, "the person's true joints, in world")
 PEOPLE = Topic(
-    "people",
-    m.People,
-    "everybody in the world, truly, with all robots",
-    shared=True,
-    max_bytes=1 << 20,  # 500 persons with their joints
-)
+    "people", m.People, "the true poses of all persons and robots", shared=True, max_bytes=1 << 20
+)  # 500 persons with their joints
 SCAN = Topic(
-    "scan",
-    m.LaserScan,
-    "the lidar's ranges",
-    sensed=True,
-    max_bytes=1 << 18,  # 8192 beams of 20 bytes in JSON
-)
-SKELETONS = Topic(
-    "skeleton/observation", m.Skeletons, "the bodies that the tracker sees", sensed=True
-)
+    "scan", m.LaserScan, "the lidar's ranges", sensed=True, max_bytes=1 << 18
+)  # 8192 beams of 20 bytes in JSON
+SKELETONS = Topic("skeleton/observation", m.Skeletons, "bodies seen by the tracker", sensed=True)
 LEGS = Topic("legs/observation", m.Observation, "persons by their legs in the scan")
 DEPTH = Topic("camera/depth", m.Image, "depth picture [mm]", max_bytes=MAX_PAYLOAD_BYTES)
 CAMERA_INFO = Topic("camera/camera_info", m.CameraInfo, "how the depth camera projects")
-OBSERVATION = Topic(
-    "target/observation", m.Observation, "the person as the robot perceives them", sensed=True
-)
+OBSERVATION = Topic("target/observation", m.Observation, "the perceived person", sensed=True)
 FOLLOWER_STATE = Topic("follower/state", m.FollowerState, "estimate, goal, errors, tracking")
-PARAMETERS = Topic(
-    "sim/parameters",
-    m.Parameters,
-    "what has been changed of the configuration",
-    shared=True,
-)
 
+# the run
+PARAMETERS = Topic("sim/parameters", m.Parameters, "changes of the configuration", shared=True)
 DIAGNOSTICS = Topic("diagnostics/*", m.DiagnosticArray, "a service's rates, counts and health")
 """Diagnostics of all services; `diagnostics` returns the topic of one service."""
 
-ROBOT_DESCRIPTION = Call(
-    "robot_description", m.Empty, m.String, "the robot as URDF; meshes below", files=True
-)
-SIM_STATE = Call("sim/state", m.Empty, m.SimState, "what simulated time does")
+ROBOT_DESCRIPTION = Call("robot_description", m.Empty, m.String, "the robot as URDF; meshes below")
+SIM_STATE = Call("sim/state", m.Empty, m.SimState, "the state of simulated time")
 SIM_SCENARIO = Call("sim/scenario", m.Empty, m.String, "the whole configuration, as TOML")
 SIM_PAUSE = Call("sim/pause", m.Empty, m.SimState, "hold simulated time", changes=True)
 SIM_RESUME = Call("sim/resume", m.Empty, m.SimState, "let it go on", changes=True)
@@ -120,26 +99,14 @@ SIM_STEP = Call("sim/step", m.StepRequest, m.SimState, "N ticks while paused", c
 SIM_RESET = Call("sim/reset", m.ResetRequest, m.SimState, "back to the start", changes=True)
 SIM_SPEED = Call("sim/speed", m.SpeedRequest, m.SimState, "times real time", changes=True)
 GET_PARAMETERS = Call(
-    "sim/get_parameters",
-    m.ParameterNames,
-    m.ParameterDescriptors,
-    "what can be changed while it runs",
+    "sim/get_parameters", m.ParameterNames, m.ParameterDescriptors, "settings that can be changed"
 )
 SET_PARAMETERS = Call(
-    "sim/set_parameters",
-    m.Parameters,
-    m.Parameters,
-    "change it, all or nothing, from the next tick on",
-    changes=True,
+    "sim/set_parameters", m.Parameters, m.Parameters, "change all or none, next tick", changes=True
 )
 SET_ODOMETRY = Call(
-    "set_odometry",
-    m.OdometryRequest,
-    m.Odometry,
-    "where odometry believes it is",
-    changes=True,
+    "set_odometry", m.OdometryRequest, m.Odometry, "set the pose of the odometry", changes=True
 )
-
 STOP_MOTORS = Call(
     "emergency_stop/engage", m.Empty, m.String, "stop the motors until released", changes=True
 )
@@ -177,7 +144,7 @@ def renamed(robot: str, *, command_key: str, odometry_key: str) -> dict[str, str
 
 def diagnostics(service: str) -> Topic[m.DiagnosticArray]:
     """Return the topic of one service's diagnostics."""
-    return Topic(f"diagnostics/{service}", m.DiagnosticArray, "health")
+    return replace(DIAGNOSTICS, key=f"diagnostics/{service}")
 
 
 EntryT = TypeVar("EntryT", bound=Topic[Any] | Call[Any, Any])

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.covariance import planar_entries
+from mecazen.messages import planar_entries
 from mecazen.wire import RefusedError
 
 FARTHEST_M = 1e6

@@ -12,10 +12,10 @@ from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SensorConfig, SimConfig
 from mecazen.config.follower import LinearGains, PidControl, PlannerConfig, PolarControl
-from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
+from mecazen.messages import diagonal_covariance
 from mecazen.runtime.live import LiveParameters, refuse_unsuitable
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following

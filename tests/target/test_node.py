@@ -8,10 +8,9 @@ from hostile import forged, malformed
 from mecazen import keys
 from mecazen.config import CrowdConfig, Scenario, SensorConfig, SimConfig, TargetConfig
 from mecazen.config.people import Circle, Driven, Gait, Goal, Recorded, Standing, Straight
-from mecazen.covariance import diagonal_covariance
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import People, Person, Pose, Time, Twist, planar_odometry
+from mecazen.messages import People, Person, Pose, Time, Twist, diagonal_covariance, planar_odometry
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import encode
 from mecazen_target.node import TargetNode

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.covariance import ros_covariance
 from mecazen.geometry import Pose2D
+from mecazen.messages import ros_covariance
 from mecazen_viewer import covariance
 
 

@@ -16,9 +16,8 @@ from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
-from mecazen.covariance import planar_covariance
 from mecazen.geometry import Pose2D, Standoff, overlap, to_rectangle, wrap
-from mecazen.messages import FollowerState, Message, Odometry, Twist
+from mecazen.messages import FollowerState, Message, Odometry, Twist, planar_covariance
 from mecazen.robots import join_key
 from mecazen.wire import Stamp
 

@@ -8,10 +8,12 @@ The bounds of a field also determine its type in ROS.
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 from typing import Annotated, Any, ClassVar, TypeVar, dataclass_transform
 
 import msgspec
 
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, Twist2D
 
 # CDR may hold NaN and Infinity, which JSON lacks: the bounds refuse both
@@ -32,6 +34,10 @@ Matrix34 = Annotated[tuple[Float, ...], msgspec.Meta(min_length=12, max_length=1
 """Row-major 3x4."""
 
 NO_COVARIANCE: tuple[float, ...] = (0.0,) * 36
+PlanarCovariance = tuple[tuple[float, ...], ...]
+"""3x3 over x [m], y [m] and yaw [rad], row by row."""
+planar_entries = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
+"""Takes the entries of x, y and yaw from a row-major 6x6; the others may be 1e99: "unknown"."""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
@@ -370,4 +376,30 @@ def planar_odometry(
         child_frame_id=child_frame_id,
         pose=PoseWithCovariance(pose=Pose.planar(pose), covariance=pose_covariance),
         twist=TwistWithCovariance(twist=Twist.planar(twist), covariance=twist_covariance),
+    )
+
+
+def planar_covariance(covariance: tuple[float, ...]) -> PlanarCovariance:
+    """Return the 3x3 over (x, y, yaw) of ROS's row-major 6x6.
+
+    Raises:
+        RefusedError: It has another size.
+    """
+    if len(covariance) != 36:
+        raise RefusedError(f"a covariance has 36 numbers, not {len(covariance)}")
+    xx, xy, xw, yx, yy, yw, wx, wy, ww = planar_entries(covariance)
+    return (xx, xy, xw), (yx, yy, yw), (wx, wy, ww)
+
+
+def ros_covariance(planar: PlanarCovariance) -> tuple[float, ...]:
+    """Return ROS's row-major 6x6 of a 3x3 over (x, y, yaw); other entries are 0."""
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = planar
+    zeros = 0.0, 0.0, 0.0
+    return (xx, xy, *zeros, xw, yx, yy, *zeros, yw, *6 * zeros, wx, wy, *zeros, ww)
+
+
+def diagonal_covariance(variances: tuple[float, ...]) -> tuple[float, ...]:
+    """Return ROS's row-major 6x6 with the six variances of x, y, z, roll, pitch and yaw."""
+    return tuple(
+        variances[row] if row == column else 0.0 for row in range(6) for column in range(6)
     )

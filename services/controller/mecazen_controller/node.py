@@ -8,7 +8,6 @@ from typing import Any
 
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.covariance import diagonal_covariance
 from mecazen.drive import Drive, LimiterState, axis_limits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
@@ -21,6 +20,7 @@ from mecazen.keys import (
     ODOM,
     Call,
 )
+from mecazen.messages import diagonal_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ROUNDING_S
 from mecazen.wheels import MecanumKinematics, WheelSpeeds

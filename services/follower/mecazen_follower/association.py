@@ -10,8 +10,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, wrap
+from mecazen.messages import PlanarCovariance
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.measurement import Measurement, has_heading

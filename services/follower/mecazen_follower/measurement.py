@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mecazen.covariance import PlanarCovariance
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
 from mecazen.limits import FARTHEST_M
+from mecazen.messages import PlanarCovariance
 
 from mecazen_follower.estimators.base import MIN_NOISE
 from mecazen_follower.estimators.symmetric import is_positive

@@ -8,11 +8,11 @@ from itertools import repeat
 
 from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SensorConfig
-from mecazen.covariance import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, PoseHistory, Twist2D, rotate
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
+from mecazen.messages import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ticks_per_sample
 from mecazen.wire import NS_PER_S

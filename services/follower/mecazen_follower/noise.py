@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, wrap
+from mecazen.messages import PlanarCovariance
 
 MEMORY_S = 5.0
 """Time constant of the mean [s]."""

@@ -7,8 +7,8 @@ from collections import deque
 from typing import NamedTuple
 
 from mecazen.config import SensorConfig
-from mecazen.covariance import diagonal_covariance
 from mecazen.geometry import Pose2D, wrap
+from mecazen.messages import diagonal_covariance
 from mecazen.ticks import whole_ticks
 from numpy.random import PCG64, Generator
 

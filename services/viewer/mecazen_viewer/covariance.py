@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from mecazen.covariance import planar_covariance
 from mecazen.geometry import Pose2D, wrap
+from mecazen.messages import planar_covariance
 from mecazen.portable import Floats
 
 SCALE = math.sqrt(-2.0 * math.log(0.05))

@@ -10,8 +10,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.config.follower import PARAMS, Params, make_params
-from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.messages import PlanarCovariance
 
 Array = npt.NDArray[np.float64]
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D
-from mecazen.messages import Skeleton
+from mecazen.messages import PlanarCovariance, Skeleton
 from mecazen.skeleton import INDEX
 
 from mecazen_follower.measurement import NO_HEADING

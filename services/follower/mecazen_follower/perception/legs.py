@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from mecazen.covariance import PlanarCovariance
 from mecazen.geometry import Pose2D
-from mecazen.messages import LaserScan
+from mecazen.messages import LaserScan, PlanarCovariance
 from mecazen.scan import BOTH_LEGS_M, LEG_M, Things, by_person, clusters, hits
 
 from mecazen_follower.measurement import NO_HEADING

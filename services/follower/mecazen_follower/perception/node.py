@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.covariance import ros_covariance
 from mecazen.geometry import Pose2D
 from mecazen.keys import LEGS, OBSERVATION, SCAN, SKELETONS
+from mecazen.messages import ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
 
 from mecazen_follower.perception.body import pose_of

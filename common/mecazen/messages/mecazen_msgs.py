@@ -22,14 +22,14 @@ from mecazen.messages.ros import (
 )
 
 
-class _OwnMessage(Message):
+class _MecazenMessage(Message):
     """Base of all messages of `mecazen_msgs`; the name in ROS is the name of the class."""
 
     def __init_subclass__(cls) -> None:
         cls.ROS_TYPE = f"mecazen_msgs/msg/{cls.__name__}"
 
 
-class Skeleton(_OwnMessage):
+class Skeleton(_MecazenMessage):
     """The body of a person: joints in header.frame_id, in the order of `mecazen.skeleton.JOINTS`.
 
     The truth leaves `std` and `confidence` empty; a tracker leaves unmeasured fields empty.
@@ -50,7 +50,7 @@ class Skeleton(_OwnMessage):
     """Share of the gait cycle since the last foot strike, left and right."""
 
 
-class Skeletons(_OwnMessage):
+class Skeletons(_MecazenMessage):
     """One frame of a body tracker: all persons seen, in any order; empty if no person was seen.
 
     header.stamp is the time of capture; the message comes later by the tracker's latency.
@@ -60,7 +60,7 @@ class Skeletons(_OwnMessage):
     skeletons: tuple[Skeleton, ...] = ()
 
 
-class Person(_OwnMessage):
+class Person(_MecazenMessage):
     """True pose of a person, in the frame of a `People`."""
 
     id: str = ""
@@ -73,14 +73,14 @@ class Person(_OwnMessage):
     """Joints in the order of `mecazen.skeleton.JOINTS`; empty if no sensor perceives them."""
 
 
-class NamedPose(_OwnMessage):
+class NamedPose(_MecazenMessage):
     """Name and true pose of a robot."""
 
     name: str = ""
     pose: Pose = Pose()
 
 
-class People(_OwnMessage):
+class People(_MecazenMessage):
     """All persons in the world (those that robots follow, then all others), and the robots."""
 
     header: Header = Header()
@@ -89,7 +89,7 @@ class People(_OwnMessage):
     robots: tuple[NamedPose, ...] = ()
 
 
-class Observation(_OwnMessage):
+class Observation(_MecazenMessage):
     """One frame of the robot's person sensor: all persons seen, in any order; empty if none was.
 
     header.stamp is the time of capture; the message comes later by the sensor's latency.
@@ -101,7 +101,7 @@ class Observation(_OwnMessage):
     """The sensor's name for each person; empty if the sensor does not distinguish persons."""
 
 
-class FollowerState(_OwnMessage):
+class FollowerState(_MecazenMessage):
     """The follower's estimate, goal and errors; poses and velocities in header.frame_id."""
 
     header: Header = Header()
@@ -127,7 +127,7 @@ class FollowerState(_OwnMessage):
     """Reason for a plan other than open."""
 
 
-class GuardState(_OwnMessage):
+class GuardState(_MecazenMessage):
     """The guard's action on the commanded velocity, and its reason."""
 
     header: Header = Header()
@@ -143,7 +143,7 @@ class GuardState(_OwnMessage):
     """Bearing of that point from base_link's x axis [rad]."""
 
 
-class SimState(_OwnMessage):
+class SimState(_MecazenMessage):
     """State of simulated time; the answer to `sim/state` and to the queries that control time."""
 
     clock: Time = Time()
@@ -159,25 +159,25 @@ class SimState(_OwnMessage):
     missed_deadlines: Count = 0
 
 
-class StepRequest(_OwnMessage):
+class StepRequest(_MecazenMessage):
     """Request to simulate a number of ticks while paused."""
 
     ticks: Annotated[int, msgspec.Meta(ge=1, le=10**9)] = 1
 
 
-class ResetRequest(_OwnMessage):
+class ResetRequest(_MecazenMessage):
     """Request to return to the start, with a new seed if one is given."""
 
     seed: UInt32 | None = None
 
 
-class SpeedRequest(_OwnMessage):
+class SpeedRequest(_MecazenMessage):
     """Request for a number of simulated seconds per wall second."""
 
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
 
 
-class Parameter(_OwnMessage):
+class Parameter(_MecazenMessage):
     """A setting of the configuration."""
 
     name: str = ""
@@ -187,7 +187,7 @@ class Parameter(_OwnMessage):
     """Value in TOML; a bare word needs no quotes. Empty: the setting is left out."""
 
 
-class Parameters(_OwnMessage):
+class Parameters(_MecazenMessage):
     """Changes of the configuration since the start, the last change last."""
 
     header: Header = Header()
@@ -196,13 +196,13 @@ class Parameters(_OwnMessage):
     parameters: tuple[Parameter, ...] = ()
 
 
-class ParameterNames(_OwnMessage):
+class ParameterNames(_MecazenMessage):
     """Names of the requested parameters; empty: all that can be changed."""
 
     names: tuple[str, ...] = ()
 
 
-class ParameterDescriptor(_OwnMessage):
+class ParameterDescriptor(_MecazenMessage):
     """A parameter that can be changed while the simulation runs, and its allowed values."""
 
     name: str = ""
@@ -217,13 +217,13 @@ class ParameterDescriptor(_OwnMessage):
     """Allowed values in words."""
 
 
-class ParameterDescriptors(_OwnMessage):
+class ParameterDescriptors(_MecazenMessage):
     """The answer to `ParameterNames`."""
 
     parameters: tuple[ParameterDescriptor, ...] = ()
 
 
-class OdometryRequest(_OwnMessage):
+class OdometryRequest(_MecazenMessage):
     """Request to set the odometry to a pose of the robot, in the odometry frame."""
 
     pose: Pose = Pose()
