@@ -11,7 +11,7 @@ from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, SERVICES, rows, services
 from mecazen.row import Row
-from mecazen.runtime.pace import EVERY, RECORD, receipts
+from mecazen.runtime.pace import EVERY, RECORD
 from mecazen.runtime.readiness import READY
 from mecazen_ros import protocol
 from mecazen_tools.cli.teleop import TELEOP
@@ -37,6 +37,8 @@ HEADER = """\
 
 LATCHED = "**/@adv/**"
 """Keys that announce latched samples to late subscribers; `**` does not match them."""
+ANSWERS = ["declare_queryable", "reply"]
+"""Messages of those who answer queries."""
 ANYONE, ROUTER = "anyone", "router"
 """Subjects of rules: any certificate, and the router's certificate."""
 
@@ -81,8 +83,8 @@ def access_table() -> str:
             for service, rows in services(GRAPH).items()
         ),
         _line(OPERATOR, [topic.key for topic in keys.TOPICS if topic.open], [], _plain(rules)),
-        _line("each service", ["diagnostics/<its name>", receipts("<its name>").key]),
-        _line("anyone admitted", [], [], _plain(reads)),
+        _line("each service", ["diagnostics/<its name>"], [f"<its name>/{EVERY}"]),
+        _line("anyone admitted", [], [], [*_plain(reads), f"<name>/{EVERY}"]),
         "| router | what it relays | what it relays | what it relays |",
     ]
     return "\n".join(lines)
@@ -107,7 +109,7 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token", *hears]
     yield ANYONE, _rule("anyone subscribes to everything", hears, everything)
     yield ANYONE, _rule("anyone is sent everything", sent, everything, flow="egress")
-    asked = [*_call_keys(reads), LATCHED]
+    asked = [*_call_keys(reads), f"**/{EVERY}", LATCHED]
     yield ANYONE, _rule("anyone asks what changes nothing", ["query"], asked)
     relays = ["put", "query", "reply", "declare_queryable", "liveliness_token"]
     yield ROUTER, _rule("the router relays what it has let in", relays, everything)
@@ -120,11 +122,11 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
         if topic.open
         for key in (f"**/{topic.key}", *protocol.received_keys(topic))
     ]
-    puts.append(f"**/{receipts(RECORD).key}")
     yield OPERATOR, _rule("the operator drives robot and person", ["put"], puts)
     others = _others(puts)
     yield OPERATOR, _rule("the operator does not bypass the guard", ["put"], others, deny=True)
     yield OPERATOR, _rule("the operator controls the run", ["query"], _call_keys(rules))
+    yield OPERATOR, _rule(f"{RECORD} answers", ANSWERS, [f"**/{RECORD}/{EVERY}"])
     for command in (RECORD, TELEOP):
         yield OPERATOR, _rule(f"{command} is alive", ["liveliness_token"], _tokens(command))
     yield OPERATOR, _rule("the operator has ROS nodes", ["liveliness_token"], [protocol.tokens()])
@@ -134,7 +136,6 @@ def _service_rules(service: str, nodes: Sequence[Row]) -> Iterator[tuple[str, di
     puts = [
         *(key for row in nodes for topic in row.outputs for key in _given(row, topic)),
         *_given(Row(service), keys.diagnostics(service)),
-        f"**/{receipts(service).key}",
         # samples from ROS that it passes on to all others
         *(f"**/{topic.key}" for row in nodes for topic in _handed_on(row)),
     ]
@@ -144,9 +145,8 @@ def _service_rules(service: str, nodes: Sequence[Row]) -> Iterator[tuple[str, di
     yield service, _rule(f"{service} publishes", ["put"], puts)
     if others := _others(puts):
         yield service, _rule(f"{service} does not publish", ["put"], others, deny=True)
-    if calls:
-        answers = ["declare_queryable", "reply"]
-        yield service, _rule(f"{service} answers", answers, _call_keys(calls))
+    keys_of_calls = [*_call_keys(calls), f"**/{service}/{EVERY}"]
+    yield service, _rule(f"{service} answers", ANSWERS, keys_of_calls)
     if latched:
         kept = ["put", "declare_queryable", "reply", "liveliness_token"]
         exprs = [*latched, *(f"{key}/@adv/**" for key in latched)]

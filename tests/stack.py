@@ -10,7 +10,7 @@ from mecazen.config import Process, Scenario
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import ResetRequest
 from mecazen.robots import join_key
-from mecazen.runtime.pace import Receipts
+from mecazen.runtime.pace import RECORD, declare_every
 from mecazen_tools.processes import Supervisor, private_router
 from mecazen_tools.trajectory import Trajectory
 
@@ -27,7 +27,7 @@ class Stack:
         self.bus = ZenohBus(self.scenario.bus)
         self.bus.declare_alive("test")
         if self.scenario.sim.mode == "lockstep":
-            Receipts(self.bus, "record").follow()
+            declare_every(self.bus, RECORD)
 
     @property
     def endpoint(self) -> str:

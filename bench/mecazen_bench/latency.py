@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 from mecazen import keys
-from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
-from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.bus.zenoh_bus import ZenohBus, direct
 from mecazen.config import BusConfig, Scenario
 from mecazen.geometry import Twist2D
 from mecazen.messages import JointState, Twist

@@ -17,19 +17,15 @@ import msgspec
 from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
 from mecazen.extras import is_installed
 from mecazen.messages import LaserScan, Message, MessageT, Time, Twist, finite_scan
-from mecazen.text import shortened
+from mecazen.text import unknown_fields
 
 NS_PER_S = 10**9
-MAX_PAYLOAD_BYTES = 6 << 20
-"""Maximum size of a payload [bytes]: a picture of 1920 x 1080 pixels of 16 bits in JSON's base64
-has 5.3 MiB."""
 MAX_SAMPLE_BYTES = 1 << 16
-"""Default limit of samples [bytes]: ten times `joint_states` with every roller."""
-MAX_ENVELOPE_BYTES = 1 << 10
-"""Maximum size of a sample's key and attachment, with the parameters of a query [bytes]."""
-MAX_MESSAGE_BYTES = 2 * MAX_PAYLOAD_BYTES
-"""Maximum size of a message on a link, checked before its fragments are joined [bytes]. Meshes
-served as files, and samples on other keys, may be longer than a payload of the table."""
+"""Size limit of samples, unless their topic has another [bytes]: ten times `joint_states` with
+every roller."""
+MAX_PAYLOAD_BYTES = 6 << 20
+"""Largest size limit of a topic [bytes]: a picture of 1920 x 1080 pixels of 16 bits in JSON's
+base64 has 5.3 MiB."""
 MAX_TIME_NS = 2**31 * 10**9 - 1
 """The latest time that a message's `Time` can represent [ns]."""
 JSON_ENCODING = "application/json"
@@ -42,7 +38,6 @@ _STAMP = struct.Struct("<qII")
 _REVISED = struct.Struct("<qIII")
 _ENCODER = msgspec.json.Encoder()
 _fields_of = msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
-"""Return the fields of an object as they are."""
 
 
 class Stamp(NamedTuple):
@@ -124,13 +119,11 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     Time(sec=1, nanosec=0)
 
     Raises:
-        RefusedError: The payload is empty, oversized, truncated or of a wrong type, names no field
-            of the message, or a number is not finite.
+        RefusedError: The payload is empty, truncated or of a wrong type, names no field of the
+            message, or a number is not finite.
     """
     if not payload:
         raise RefusedError("empty payload")
-    if len(payload) > MAX_PAYLOAD_BYTES:
-        raise RefusedError(f"payload of {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} allowed")
     try:
         if is_cdr(payload, encoding):
             return cast(MessageT, _cdr_decoder()(payload, kind))
@@ -152,25 +145,36 @@ def _decoded(payload: bytes, kind: type[Message]) -> Message:
         if (part := STAMPED.get(kind)) and part in (fields := _fields_of(payload)):
             content = fields[part]
             message = _decoder(kind)(content)
-        if unknown := _unknown(content, message):
-            allowed = ", ".join(message.__struct_fields__)
-            raise RefusedError(
-                f"not a {kind.ROS_TYPE}: it has only {', '.join(unknown[:5])}; allowed: {allowed}"
-            )
+        if not _has_known_field(content, message):
+            problem = next(unknown_fields(msgspec.json.decode(content), message))
+            raise RefusedError(f"not a {kind.ROS_TYPE}: {problem}")
     return message
 
 
-def _unknown(payload: bytes | msgspec.Raw, message: msgspec.Struct) -> list[str]:
-    """Return the names of an object's fields if none of them is a field of the message."""
-    fields = _fields_of(payload) if message.__struct_fields__ else {}
-    names: list[str] = []
-    for name, value in fields.items():
-        field = getattr(message, name, None) if name in message.__struct_fields__ else name
-        below = _unknown(value, field) if isinstance(field, msgspec.Struct) else []
-        if field is not name and not below:
-            return []
-        names += [f"{shortened(name)}.{other}" for other in below] or [shortened(name)]
-    return names
+def _has_known_field(payload: bytes | msgspec.Raw, message: msgspec.Struct) -> bool:
+    """Return whether an object has a field of the message, or no field at all."""
+    if not message.__struct_fields__ or not (fields := _fields_of(payload)):
+        return True
+    known = [(raw, getattr(message, name, raw)) for name, raw in fields.items()]
+    return any(
+        _has_known_field(raw, part) if isinstance(part, msgspec.Struct) else part is not raw
+        for raw, part in known
+    )
+
+
+def ignored_field(payload: bytes, encoding: str, message: Message) -> str | None:
+    """Return a line about the first unknown field in the JSON of a message; None if there is none.
+
+    >>> ignored_field(b'{"seconds": 1}', "", Time())
+    'seconds is ignored; did you mean sec? allowed: sec, nanosec'
+    """
+    if is_cdr(payload, encoding):
+        return None
+    try:
+        fields = msgspec.json.decode(payload.removeprefix(BOM_UTF8))
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return None  # the decoder of the message skips unknown fields even if they are malformed
+    return next(unknown_fields(fields.get(STAMPED.get(type(message)), fields), message), None)
 
 
 @cache

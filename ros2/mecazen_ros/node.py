@@ -17,11 +17,8 @@ import msgspec
 import zenoh
 import zenoh.ext
 from mecazen import keys
-from mecazen.bus.inbox import Inbox, Queue, Refusals
-from mecazen.bus.queries import QueryInbox
-from mecazen.bus.receiving import direct
 from mecazen.bus.session import open_session
-from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.bus.zenoh_bus import Queue, ZenohBus, direct
 from mecazen.config import BusConfig, Scenario
 from mecazen.errors import RefusedError
 from mecazen.graph import SHARED, Graph
@@ -192,7 +189,7 @@ class RosNode:
             self._ros.type(registered(ros_topic.kind)),
         )
         key, source = self._ros.key(name, ros_type), join_key(f"ros2/{ros_topic.name}", robot)
-        refusals = Refusals(self._bus.queue, self._bus.refuse)
+        keep = self._bus.keep_newest(partial(self._ros.put, topic), source)
 
         def read(sample: zenoh.Sample) -> Message:
             if len(sample.payload) > topic.max_bytes:
@@ -207,15 +204,10 @@ class RosNode:
 
         def receive(sample: zenoh.Sample) -> None:
             try:
-                inbox.receive(read(sample))
+                keep(read(sample))
             except RefusedError as refusal:
-                refusals.add(source, str(refusal))
+                self._bus.refuse(source, str(refusal))
 
-        def take(message: Message) -> bool:
-            self._ros.put(topic, message)
-            return True
-
-        inbox: Inbox[Message] = Inbox(self._bus.queue, take, lambda _: True)
         subscriber = self._ros.session.declare_subscriber(
             key, direct(receive), allowed_origin=zenoh.Locality.REMOTE
         )
@@ -250,13 +242,13 @@ class RosNode:
     ) -> None:
         """Answer requests on the bus's thread; count those without rmw_zenoh's attachment."""
         key = self._ros.key(full_name(name, namespace), self._ros.type(service.kind))
-        refusals = Refusals(self._bus.queue, self._bus.refuse)
 
         def take(query: zenoh.Query) -> None:
             try:
                 sequence, gid = protocol.sequence_and_gid(query)
             except RefusedError as refusal:
-                drop(query, str(refusal))
+                self._bus.refuse(join_key(f"ros2/{name}", self._robot), str(refusal))
+                query.drop()  # type: ignore[no-untyped-call]
                 return
 
             def give(message: Message) -> None:
@@ -270,12 +262,8 @@ class RosNode:
             except RefusedError as refusal:
                 give(service.respond(services.UNSUPPORTED, str(refusal)))
 
-        def drop(query: zenoh.Query, reason: str) -> None:
-            refusals.add(join_key(f"ros2/{name}", self._robot), reason)
-            query.drop()  # type: ignore[no-untyped-call]
-
-        inbox = QueryInbox(self._bus.queue, key, take, drop)
-        queryable = self._ros.session.declare_queryable(key, direct(inbox.receive), complete=True)
+        receive = direct(self._bus.keep_every(take))
+        queryable = self._ros.session.declare_queryable(key, receive, complete=True)
         self._ros.kept.append(queryable)
 
     def _declare(

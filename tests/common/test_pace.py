@@ -1,93 +1,80 @@
-"""The clock keeps pace with those who take every sample, over real sessions on loopback."""
+"""Readiness of services, and the clock's wait for those that need every sample."""
 
+import threading
+
+import msgspec
 import pytest
 from harness import wait
-from mecazen.runtime.pace import TICKS_AHEAD, TICKS_APART, Pace, Receipts, receipts
-from mecazen.wire import Stamp
+from mecazen.bus import LocalBus
+from mecazen.config import RobotConfig, SimConfig, StartConfig
+from mecazen.runtime.pace import TICKS_APART, Pace, declare_every
+from mecazen.runtime.readiness import announce_readiness
 
-TICK_NS = 10_000_000
 PATIENCE_S = 0.2
 
 
-def at(tick, run=1):
-    return Stamp(tick * TICK_NS, run, 0)
-
-
 @pytest.fixture
-def clock(zenoh_pair):
-    """Return the pace of a clock, and the receipts of a recorder that it knows."""
-    pace = Pace(zenoh_pair.near, TICK_NS, PATIENCE_S)
-    pace.begin(1)
-    taken = Receipts(zenoh_pair.far, "recorder", tick_ns=TICK_NS)
-    wait(zenoh_pair.near, lambda: "recorder/every" in zenoh_pair.near.presence.names)
+def pace(zenoh_pair):
+    """The pace of a clock, which knows a recorder on the pair's near bus."""
+    declare_every(zenoh_pair.near, "recorder", "two")
     zenoh_pair.link()
-    return pace, taken
+    wait(zenoh_pair.far, lambda: "two/recorder/every" in zenoh_pair.far.presence.names)
+    return Pace(zenoh_pair.far, PATIENCE_S)
 
 
-def test_the_clock_goes_ahead_by_what_links_hold_and_then_waits_for_receipts(clock, caplog):
-    pace, taken = clock
-    pace.keep(TICKS_AHEAD)
-    taken.reached(at(5))
-    pace.keep(TICKS_AHEAD + 5)
+def test_the_clock_waits_until_earlier_samples_are_taken(zenoh_pair, pace, caplog):
+    taken = threading.Event()
+    zenoh_pair.near.queue.put(taken.set)  # as a sample that has arrived
+    with zenoh_pair.serving():
+        pace.keep(TICKS_APART)
+        assert taken.is_set()
     assert not caplog.records
 
 
-def test_a_receipt_is_sent_every_few_ticks_and_at_the_beginning_of_a_run(clock, zenoh_pair):
-    _, taken = clock
-    heard = []
-    zenoh_pair.near.subscribe(receipts("recorder"), lambda _, s: heard.append(s), every=True)
-    zenoh_pair.link()
-    for run in (1, 2):
-        for tick in range(2 * TICKS_APART + 1):
-            taken.reached(at(tick, run))
-    zenoh_pair.settle()
-    assert heard == [at(n * TICKS_APART, run) for run in (1, 2) for n in range(3)]
-
-
-def test_without_one_who_is_silent_the_clock_goes_on_and_says_so_once(clock, zenoh_pair, caplog):
-    pace, taken = clock
-    for tick in (TICKS_AHEAD + 1, TICKS_AHEAD + 2):
+def test_the_clock_continues_without_a_silent_service_and_waits_for_it_again(
+    zenoh_pair, pace, caplog
+):
+    for tick in range(2 * TICKS_APART + 1):
         pace.keep(tick)
-    (record,) = caplog.records
-    assert "going on without recorder" in record.getMessage()
-    # its next receipt counts again
-    taken.reached(at(TICKS_AHEAD))
-    zenoh_pair.settle()
-    pace.keep(2 * TICKS_AHEAD + 1)
-    assert len(caplog.records) == 2
+    assert caplog.messages == ["msg='going on without two/recorder, silent: samples may be lost'"]
+    with zenoh_pair.serving():
+        pace.keep(TICKS_APART)
+    pace.keep(TICKS_APART)
+    assert len(caplog.messages) == 2
 
 
-def test_a_reset_does_not_wait_for_one_who_is_silent(clock, caplog):
-    pace, _ = clock
-    pace.keep(TICKS_AHEAD + 1, lambda: True)
+def test_the_clock_does_not_wait_for_a_service_that_has_gone(zenoh_pair, pace, caplog):
+    zenoh_pair.near.close()
+    wait(zenoh_pair.far, lambda: "two/recorder/every" not in zenoh_pair.far.presence.names)
+    pace.keep(TICKS_APART)
     assert not caplog.records
 
 
-def test_receipts_of_another_run_count_nothing(clock, zenoh_pair, caplog):
-    pace, taken = clock
-    taken.reached(at(100, run=7))
-    zenoh_pair.settle()
-    pace.keep(TICKS_AHEAD + 1)
-    assert caplog.records
+@pytest.mark.parametrize(
+    ("mode", "services", "awaited"),
+    [
+        ("real_time", ("target",), ["target"]),
+        ("real_time", ("recorder", "viewer"), []),
+        ("lockstep", ("recorder", "viewer"), ["recorder", "viewer"]),
+    ],
+)
+def test_a_service_is_ready_when_all_others_are_alive(scenario, mode, services, awaited):
+    bus, services = LocalBus(), ("controller", *services)
+    scenario = msgspec.structs.replace(scenario, services=services, sim=SimConfig(mode=mode))
+    announce_readiness(bus, "controller", "", scenario)
+    for name in awaited:
+        assert "controller/ready" not in bus.presence.names
+        bus.declare_alive("stranger")
+        bus.declare_alive(name)
+    assert "controller/ready" in bus.presence.names
+    assert "stranger" not in bus.presence.names
 
 
-def test_nobody_waits_for_one_who_has_gone(open_bus, pair_of, caplog):
-    pair = pair_of(open_bus(), open_bus())
-    pace = Pace(pair.near, TICK_NS, PATIENCE_S)
-    pace.begin(1)
-    Receipts(pair.far, "recorder", tick_ns=TICK_NS)
-    wait(pair.near, lambda: "recorder/every" in pair.near.presence.names)
-    pair.far.close()
-    wait(pair.near, lambda: "recorder/every" not in pair.near.presence.names)
-    pace.keep(10 * TICKS_AHEAD)
-    assert not caplog.records
-
-
-def test_one_who_joins_in_the_middle_of_a_run_owes_nothing_of_before(zenoh_pair, caplog):
-    pace = Pace(zenoh_pair.near, TICK_NS, PATIENCE_S)
-    pace.begin(1)
-    pace.keep(1000)
-    Receipts(zenoh_pair.far, "record")
-    wait(zenoh_pair.near, lambda: "record/every" in zenoh_pair.near.presence.names)
-    pace.keep(1000 + TICKS_AHEAD)
-    assert not caplog.records
+def test_a_robots_service_waits_for_those_of_all_robots(scenario):
+    bus = LocalBus()
+    robots = (RobotConfig("one"), RobotConfig("two", start=StartConfig(y_m=2.0)))
+    scenario = msgspec.structs.replace(scenario, services=("target",), robots=robots)
+    announce_readiness(bus, "target", "one", scenario)
+    assert not bus.presence.names
+    bus.declare_alive("target", "two")
+    assert bus.presence.names == {"two/target", "one/target/ready"}

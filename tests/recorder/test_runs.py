@@ -1,7 +1,7 @@
 """Which samples of runs that are not known yet are kept."""
 
 import pytest
-from mecazen.bus.inbox import SAMPLE_BYTES
+from mecazen.bus.zenoh_bus import bytes_of
 from mecazen_recorder import runs
 from mecazen_recorder.runs import FirstSamples
 
@@ -30,7 +30,7 @@ def test_the_second_sample_of_a_run_brings_the_first(firsts, refused):
 
 def test_where_more_wait_than_there_is_room_for_the_oldest_is_refused(firsts, refused, monkeypatch):
     # two of 8 bytes with a key of one
-    monkeypatch.setattr(runs, "FIRST_BYTES", 2 * (SAMPLE_BYTES + 9))
+    monkeypatch.setattr(runs, "FIRST_BYTES", 2 * bytes_of(sample("a")))
     for run, key in enumerate("abc"):
         firsts.second(run, sample(key))
     assert refused == ["a"]

@@ -24,7 +24,7 @@ from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.runtime.clock import Clock
 from mecazen.runtime.host import Host
-from mecazen.runtime.pace import Receipts
+from mecazen.runtime.pace import declare_every
 from mecazen.runtime.process import observe
 from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import NS_PER_S
@@ -38,8 +38,6 @@ Progress = Callable[[int], None]
 PROGRESS_TICKS = 100
 PATIENCE_S = 0.25
 """Time to wait for a sample before checking whether all processes are alive [s]."""
-GATHER_S = 0.005
-"""Delay of samples for the trajectory [s]; no process waits for them."""
 
 
 class Result(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -287,7 +285,7 @@ def _pass_on(supervisor: Supervisor) -> None:
 
 
 def _collector_bus(scenario: Scenario) -> ZenohBus:
-    return ZenohBus(scenario.bus, name=COLLECTOR, gather_s=GATHER_S, renamed=scenario.renamed)
+    return ZenohBus(scenario.bus, name=COLLECTOR, renamed=scenario.renamed)
 
 
 def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
@@ -295,7 +293,7 @@ def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
     parts = [part for part in scenario.services if part != COLLECTOR]
     trajectory = _trajectory(bus, scenario, parts)
     bus.declare_alive(COLLECTOR)
-    Receipts(bus, COLLECTOR, tick_ns=scenario.sim.tick_ns).follow()
+    declare_every(bus, COLLECTOR)
     announce_readiness(bus, COLLECTOR, "", scenario)
     return trajectory
 

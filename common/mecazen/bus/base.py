@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 import time
 from abc import ABC, abstractmethod
-from codecs import BOM_UTF8
 from collections import Counter
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Any, ClassVar, Protocol, TypeVar
-
-import msgspec
 
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message, MessageT
-from mecazen.text import printable, unknown_fields
-from mecazen.wire import STAMPED, RefusedError, Stamp, decode, is_cdr
+from mecazen.text import printable
+from mecazen.wire import RefusedError, Stamp, decode, ignored_field
 
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
 
@@ -30,11 +28,6 @@ Nothing = Callable[[Stamp], None]
 
 DRAINED_AT_MOST = 1000
 """Maximum number of deliveries in one `drain`; more wait only during a flood."""
-
-REFUSED_KEYS = 100
-"""Maximum number of keys with a refusal count of their own, since strangers can invent keys."""
-OTHER_KEYS = "others"
-"""Name of the count that all further keys share."""
 
 logger = logging.getLogger(__name__)
 
@@ -79,30 +72,29 @@ class Presence:
         """Functions called after each change."""
         self.on_return: list[Callable[[str], None]] = []
         """Functions called with the name of a service that has returned."""
-        self._gone: set[str] = set()
+        self._seen: set[str] = set()
 
     def update(self, name: str, *, alive: bool) -> None:
         """Note that `name` has come or gone, if it is known."""
         if self.known is not None and name not in self.known:
             return
-        if not alive and name in self.names:
-            self.names.remove(name)
-            self._gone.add(name)
-        elif alive:
+        if not alive:
+            self.names.discard(name)
+        elif name not in self.names:
             self.names.add(name)
-            if name in self._gone:
-                self._gone.remove(name)
+            if name in self._seen:
                 self.returns[name] += 1
-                for tell in self.on_return:
-                    tell(name)
-        for changed in self.on_change:
-            changed()
+                for report in self.on_return:
+                    report(name)
+            self._seen.add(name)
+        for report_change in self.on_change:
+            report_change()
 
 
 class Bus(ABC):
     """Publish, subscribe, query, answer and liveliness.
 
-    The bus refuses a payload of a wrong type, or with an implausible number (see
+    The bus refuses a payload of a wrong type or size, or with an implausible number (see
     `mecazen.limits`). It counts the refusal in `refused`, logs it at most once a second for each
     key, and does not deliver the payload. So the last valid value remains in use.
     """
@@ -114,13 +106,16 @@ class Bus(ABC):
         self.renamed = dict(renamed or {})
         """Keys on the bus that differ from those of their topics, by topic key."""
         self.refused: Counter[str] = Counter()
-        """Number of refused payloads, by key."""
+        """Number of refused payloads, by key. Replaced at each change, so that a thread can iterate
+        over it while another one refuses a payload."""
+        self.ignored: dict[str, str] = {}
+        """The unknown field that was ignored last, by key; replaced at each change."""
         self.lost: Counter[str] = Counter()
         """Number of samples that newer ones replaced before delivery, by key."""
-        self.ignored: dict[str, str] = {}
-        """The unknown field that was ignored last, by key."""
         self.presence = Presence()
-        self._last_report: dict[str, float] = {}
+        self._lock = threading.Lock()
+        self._logged: dict[str, float] = {}
+        """Time of the last line about a key [s]."""
         self._servers: dict[str, Callable[[Any, Any], None]] = {}
         self._files: dict[str, bytes] = {}
 
@@ -144,9 +139,9 @@ class Bus(ABC):
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
-        The newest valid sample replaces those that still wait, so a flood causes neither delay
-        nor growth of memory. With `every` all samples are kept. `nothing` is called for a tick
-        that has no message. `of` names the only service whose samples are accepted.
+        The newest sample replaces one that still waits, so a flood causes neither delay nor growth
+        of memory. With `every` all samples are kept. `nothing` is called for a tick that has no
+        message. `of` names the only service whose samples are accepted.
         """
 
     @abstractmethod
@@ -209,40 +204,47 @@ class Bus(ABC):
     def close(self) -> None:
         """Leave the bus."""
 
-    def refuse(self, key: str, reason: str, count: int = 1) -> None:
+    def refuse(self, key: str, reason: str) -> None:
         """Count a payload of a key as refused, and log the refusal at most once a second."""
-        if key not in self.refused and len(self.refused) >= REFUSED_KEYS:
-            key = OTHER_KEYS
-        self.refused[key] += count
-        if self._may_report(key):
-            logger.warning(
-                "msg=refused key=%s count=%d reason=%r", printable(key), self.refused[key], reason
-            )
+        with self._lock:
+            count = self.refused[key] + 1
+            self.refused = Counter({**self.refused, key: count})
+            self._log(key, f"msg=refused key={printable(key)} count={count} reason={reason!r}")
 
-    def warn_of_unknown_fields(
-        self, key: str, payload: bytes, encoding: str, message: Message
-    ) -> None:
-        """Note an unknown field of received JSON, and log it at most once a second."""
-        if is_cdr(payload, encoding):
-            return
+    def _decode_sample(
+        self, topic: Topic[MessageT], payload: bytes, encoding: str, attachment: bytes | None
+    ) -> tuple[MessageT, Stamp | None]:
+        """Return `decode_sample`; note an unknown field of a sample without a stamp."""
+        message, stamp = decode_sample(topic, payload, encoding, attachment)
+        if stamp is None:  # people and external programs write it
+            self._note_ignored(self.key_of(topic), payload, encoding, message)
+        return message, stamp
+
+    def _decode_request(self, call: Call[RequestT, AnswerT], payload: bytes) -> RequestT:
+        if not payload.strip():
+            return call.request()
         try:
-            given = msgspec.json.decode(payload.removeprefix(BOM_UTF8))
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-            return  # the decoder of the message skips unknown fields even if they are malformed
-        given = given.get(STAMPED.get(type(message)), given)
-        told = next(unknown_fields(given, message), None)
-        if told is not None:
-            self.ignored[key] = told
-            if self._may_report(key):
-                logger.warning("msg=ignored key=%s reason=%r", key, told)
+            request = decode(payload, call.request)
+            refuse_implausible(call.key, request)
+        except RefusedError as refusal:
+            self.refuse(call.key, str(refusal))
+            raise
+        self._note_ignored(call.key, payload, "", request)
+        return request
 
-    def _may_report(self, key: str) -> bool:
-        """Return whether a key may be logged again."""
+    def _note_ignored(self, key: str, payload: bytes, encoding: str, message: Message) -> None:
+        """Note an unknown field of a payload, and log it at most once a second."""
+        line = ignored_field(payload, encoding, message)
+        if line is not None:
+            with self._lock:
+                self.ignored = {**self.ignored, key: line}
+                self._log(key, f"msg=ignored key={key} reason={line!r}")
+
+    def _log(self, key: str, line: str) -> None:
         now = time.monotonic()
-        is_due = now - self._last_report.get(key, -1.0) >= 1.0
-        if is_due:
-            self._last_report[key] = now
-        return is_due
+        if now - self._logged.get(key, -1.0) >= 1.0:
+            self._logged[key] = now
+            logger.warning("%s", line)
 
     def server(self, call: Call[RequestT, AnswerT]) -> Callable[[RequestT, Reply[AnswerT]], None]:
         """Return the function that answers a call in this process.
@@ -259,26 +261,12 @@ class Bus(ABC):
         reply: _LocalReply[AnswerT] = _LocalReply()
         end = time.monotonic() + timeout_s
         self.server(call)(request, reply)
-        while not reply.given and (left_s := end - time.monotonic()) > 0.0:
+        while not reply.is_given and (left_s := end - time.monotonic()) > 0.0:
             if not self.spin_once(left_s):
                 break
-        if reply.error is not None:
-            raise BusError(f"{call.key}: {reply.error}")
         if reply.message is None:
-            raise BusError(f"{call.key}: not answered")
+            raise BusError(f"{call.key}: {reply.error or 'not answered'}")
         return reply.message
-
-    def _decode_request(self, call: Call[RequestT, AnswerT], payload: bytes) -> RequestT:
-        if not payload.strip():
-            return call.request()
-        try:
-            request = decode(payload, call.request)
-            refuse_implausible(call.key, request)
-        except RefusedError as refusal:
-            self.refuse(call.key, str(refusal))
-            raise
-        self.warn_of_unknown_fields(call.key, payload, "", request)
-        return request
 
 
 class _LocalReply(Reply[AnswerT]):
@@ -287,7 +275,7 @@ class _LocalReply(Reply[AnswerT]):
         self.error: str | None = None
 
     @property
-    def given(self) -> bool:
+    def is_given(self) -> bool:
         return self.message is not None or self.error is not None
 
     def answer(self, message: AnswerT) -> None:
@@ -297,7 +285,7 @@ class _LocalReply(Reply[AnswerT]):
         self.error = reason
 
 
-def deliver(handlers: Sequence[Handler[MessageT]], message: MessageT, stamp: Stamp | None) -> None:
+def deliver(handlers: Iterable[Handler[MessageT]], message: MessageT, stamp: Stamp | None) -> None:
     """Pass a sample to each handler, in order."""
     for handler in handlers:
         handler(message, stamp)
@@ -312,7 +300,7 @@ def decode_sample(
         RefusedError: The payload is no message of the topic, or a number is implausible.
     """
     if len(payload) > topic.max_bytes:
-        raise RefusedError(f"payload of more than {topic.max_bytes} bytes")
+        raise RefusedError(f"payload of {len(payload)} bytes, at most {topic.max_bytes}")
     stamp = None if attachment is None else Stamp.unpack(attachment)
     message = decode(payload, topic.type, encoding)
     refuse_implausible(topic.name, message)

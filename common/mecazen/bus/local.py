@@ -8,15 +8,7 @@ from fnmatch import fnmatchcase
 from threading import Event
 from typing import Any
 
-from mecazen.bus.base import (
-    Bus,
-    Handler,
-    Publisher,
-    Reply,
-    StoppedError,
-    decode_sample,
-    deliver,
-)
+from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, deliver
 from mecazen.errors import BusError, RefusedError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT
@@ -36,7 +28,6 @@ class LocalBus(Bus):
         self._stopped = Event()
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        """Return a publisher for a topic."""
         return _LocalPublisher(self._handlers[self.key_of(topic)])
 
     def subscribe(self, topic: Topic[MessageT], handler: Handler[MessageT], **_: Any) -> None:
@@ -49,26 +40,20 @@ class LocalBus(Bus):
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
         """Publish bytes on `key`, as an external program would."""
-        handlers = self._handlers.get(key)
-        if not handlers:
-            return
-        try:
-            sample = decode_sample(self._topics[key], payload, encoding, attachment)
-        except RefusedError as refusal:
-            self.refuse(key, str(refusal))
-        else:
-            if sample[1] is None:
-                self.warn_of_unknown_fields(key, payload, encoding, sample[0])
-            deliver(handlers, *sample)
+        if handlers := self._handlers.get(key):
+            try:
+                sample = self._decode_sample(self._topics[key], payload, encoding, attachment)
+            except RefusedError as refusal:
+                self.refuse(key, str(refusal))
+            else:
+                deliver(handlers, *sample)
 
     def serve(
         self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]
     ) -> None:
-        """Answer queries on a call's key."""
         self._servers[call.key] = handler
 
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
-        """Keep files for `fetch_files`."""
         self._files |= {f"{prefix}/{path}": data for path, data in files.items()}
 
     def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
@@ -79,14 +64,12 @@ class LocalBus(Bus):
     def call(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
     ) -> AnswerT:
-        """Query a key and return the answer."""
         del timeout_s
         if not self.serves(call):
             raise BusError(f"{call.key}: nobody answers")
         return self._ask(call, request)
 
     def declare_alive(self, name: str, robot: str = "") -> None:
-        """Note that a service is alive."""
         self.presence.update(join_key(name, robot), alive=True)
 
     def spin_once(self, timeout_s: float | None = None) -> bool:
@@ -97,11 +80,9 @@ class LocalBus(Bus):
         return False
 
     def stop(self) -> None:
-        """Make the next `spin_once` raise StoppedError."""
         self._stopped.set()
 
     def close(self) -> None:
-        """Remove all subscriptions."""
         for handlers in self._handlers.values():
             handlers.clear()
 
@@ -111,8 +92,7 @@ class _LocalPublisher(Publisher[MessageT]):
         self._handlers = handlers
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
-        for handler in self._handlers:
-            handler(message, stamp)
+        deliver(self._handlers, message, stamp)
 
     def put_nothing(self, stamp: Stamp) -> None:
         """Do nothing: turns in this process need no report of a missing message."""

@@ -1,7 +1,5 @@
 """Free ports of loopback."""
 
-from __future__ import annotations
-
 import random
 import socket
 from pathlib import Path
@@ -9,7 +7,6 @@ from pathlib import Path
 LOOPBACK = "127.0.0.1"
 FIRST = 10_000
 """Lowest port that is tried; most well-known services use lower ports."""
-_GIVEN_BY_THE_KERNEL = Path("/proc/sys/net/ipv4/ip_local_port_range")
 
 
 def is_free(port: int) -> bool:
@@ -22,15 +19,13 @@ def is_free(port: int) -> bool:
 
 
 def free_port() -> int:
-    """Return a free TCP port.
+    """Return a free TCP port below the kernel's range, if it leaves any.
 
-    The port is below the range from which the kernel assigns ports to connections. A connection
-    could take a port of that range before a server listens on it.
+    A connection could take a port of that range before a server listens on it.
     """
-    end = int(_GIVEN_BY_THE_KERNEL.read_text(encoding="ascii").split()[0])
-    if end <= FIRST:
-        end = 1 << 16  # the kernel's range leaves no ports below it
-    while True:
-        port = random.SystemRandom().randrange(FIRST, end)
-        if is_free(port):
-            return port
+    kernel = Path("/proc/sys/net/ipv4/ip_local_port_range").read_text(encoding="ascii")
+    end = int(kernel.split()[0])
+    ports = range(FIRST, end if end > FIRST else 1 << 16)
+    while not is_free(port := random.SystemRandom().choice(ports)):
+        pass
+    return port

@@ -6,7 +6,6 @@ import ipaddress
 import json
 import logging
 import os
-import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,7 +20,7 @@ from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import TOPICS, Topic
 from mecazen.robots import join_key
-from mecazen.wire import MAX_MESSAGE_BYTES
+from mecazen.wire import MAX_PAYLOAD_BYTES
 
 logger = logging.getLogger(__name__)
 
@@ -33,13 +32,16 @@ reading; nor must one that closes the link to a frozen process, which takes 10 s
 (eclipse-zenoh/zenoh, issue 1101). Zenoh's default has more threads, which wake each other: with it
 a distributed run of `back` makes 6 % fewer ticks a second."""
 
-SHARED_MEMORY = False
-"""Whether Zenoh uses shared memory. That is faster only for payloads of 1 MB or more, and needs a
-thread that wakes twenty times a second."""
-
 QUEUED_BATCHES = 16
 """Number of batches of 64 KiB that a link queues for a slow receiver before it drops samples:
 Zenoh's maximum. With Zenoh's default of 2 a recorder on a busy machine loses 0.2 s of a run."""
+
+MAX_MESSAGE_BYTES = 2 * MAX_PAYLOAD_BYTES
+"""Maximum size of a message on a link, checked before its fragments are joined [bytes]. Meshes that
+are served as files may be longer than samples."""
+
+RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5}
+"""Zenoh's pauses between attempts to connect: a router that restarts is found within 0.2 s."""
 
 CONNECT_MS = 10_000
 """Time for which a service that needs the router waits for it [ms]; tools try once."""
@@ -56,7 +58,7 @@ ONLY_ROUTER = {
                 *("put", "delete", "query", "reply", "liveliness_token", "liveliness_query"),
                 *("declare_subscriber", "declare_queryable", "declare_liveliness_subscriber"),
             ],
-            "key_exprs": ["**", "**/@receipts/*"],
+            "key_exprs": ["**"],
         }
     ],
     "subjects": [{"id": "router", "cert_common_names": ["router"]}],
@@ -115,22 +117,17 @@ def session_config(
         "mode": mode,
         "scouting/multicast/enabled": config.multicast_scouting,
         "scouting/delay": 0,
-        "transport/shared_memory/enabled": SHARED_MEMORY,
+        "transport/shared_memory/enabled": False,  # only payloads over 1 MB would gain
         "transport/link/tx/queue/size/data": QUEUED_BATCHES,
-        "timestamping/enabled": timestamps or None,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+        "timestamping/enabled": timestamps or None,
     }
     if mode == "router":
         settings["listen/endpoints"] = config.router_endpoints
         settings |= _filters(config, most_hz, robots, renamed)
     else:
         settings["connect/endpoints"] = config.router_endpoints
-        # a router that starts late or restarts is found within 0.2 s
-        settings["connect/retry"] = {
-            "period_init_ms": 50,
-            "period_max_ms": 200,
-            "period_increase_factor": 1.5,
-        }
+        settings["connect/retry"] = RETRY
         settings["listen/endpoints"] = listen if mode == "peer" else ()
         settings["namespace"] = config.namespace
         if config.mode == "client" and name != OPERATOR:
@@ -152,36 +149,27 @@ def _filters(
     config: BusConfig, most_hz: float | None, robots: Sequence[str], renamed: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return a router's settings that drop oversized samples and samples beyond a rate."""
-    moved = [
-        replace(topic, key=key)
-        for name, key in renamed.items()
-        for topic in TOPICS
-        if name in {join_key(topic.key, robot) for robot in robots}
-    ]
+    topics = {join_key(topic.key, robot): topic for robot in robots for topic in TOPICS}
+    moved = [replace(topics[name], key=key) for name, key in renamed.items()]
     at_entry = {"flows": ["ingress"], "messages": ["put"]}
-    too_long = [
+    sizes = [
         {
-            "id": f"samples of {limit} bytes",
-            "key_exprs": [
-                expression
-                for topic in (*TOPICS, *moved)
-                if topic.max_bytes == limit
-                for expression in _expressions(config, topic)
-            ],
-            "size_limit": limit,
+            "id": f"size of {topic.key}",
+            "key_exprs": _expressions(config, topic),
+            "size_limit": topic.max_bytes,
         }
-        for limit in sorted({topic.max_bytes for topic in TOPICS})
+        for topic in (*TOPICS, *moved)
     ]
-    settings: dict[str, Any] = {"low_pass_filter": [at_entry | rule for rule in too_long]}
+    settings: dict[str, Any] = {"low_pass_filter": [at_entry | rule for rule in sizes]}
     if most_hz is not None:
         # two keys of one rule would share its rate: physics publishes for all robots at once, and
         # one process may publish both follower's and guard's cmd_vel
-        rules = [
+        rates = [
             {"key_expr": expression, "freq": most_hz}
             for robot, topic in (*product(robots, TOPICS), *product([""], moved))
             for expression in _expressions(config, topic, robot, config.namespace or "")
         ]
-        settings["downsampling"] = [at_entry | {"id": "rate of samples", "rules": rules}]
+        settings["downsampling"] = [at_entry | {"id": "rate of samples", "rules": rates}]
     return settings
 
 
@@ -234,19 +222,19 @@ def _refuse_expired(authority: Path) -> None:
 def _refuse_strangers(base: zenoh.Config, mode: Mode, *, insecure: bool) -> None:
     """Check that all links of a peer or a router are on loopback or use certificates."""
     mutual_tls = base.get_json("transport/link/tls/enable_mtls") == "true"
-    for way in ("listen", "connect"):
-        endpoints = json.loads(base.get_json(f"{way}/endpoints"))
+    for role in ("listen", "connect"):
+        endpoints = json.loads(base.get_json(f"{role}/endpoints"))
         if isinstance(endpoints, dict):
             endpoints = endpoints.get(mode) or ()
         for endpoint in endpoints:
             if not is_open(endpoint, mutual_tls=mutual_tls):
                 continue
-            what = f"{way} endpoint {endpoint} of a {mode} is beyond loopback and without TLS"
+            problem = f"{role} endpoint {endpoint} of a {mode} is beyond loopback and without TLS"
             if not insecure:
                 raise BusError(
-                    f"{what}: give bus.keys and take tls/…, or allow it by bus.insecure = true"
+                    f"{problem}: give bus.keys and take tls/…, or allow it by bus.insecure = true"
                 )
-            logger.warning("msg=%r", f"{what}: whoever reaches it drives the robot")
+            logger.warning("msg=%r", f"{problem}: whoever reaches it drives the robot")
 
 
 def is_open(endpoint: str, *, mutual_tls: bool) -> bool:
@@ -259,12 +247,13 @@ def is_open(endpoint: str, *, mutual_tls: bool) -> bool:
         mutual_tls: Whether TLS requires a certificate of both ends, unless the endpoint's own
             configuration overrides this.
     """
-    place, _, configuration = endpoint.partition("#")
-    protocol, _, address = place.partition("?")[0].partition("/")
+    location, _, configuration = endpoint.partition("#")
+    protocol, _, address = location.partition("?")[0].partition("/")
     if protocol in WITHIN_THE_MACHINE or _is_loopback(address):
         return False
-    said = re.findall(r"(?:^|;)enable_mtls=([^;]*)", configuration)
-    return protocol not in {"tls", "quic"} or (said[-1:] or [str(mutual_tls)])[0].lower() != "true"
+    options = dict(option.partition("=")[::2] for option in configuration.split(";"))
+    is_mutual = options.get("enable_mtls", str(mutual_tls)).lower() == "true"
+    return protocol not in {"tls", "quic"} or not is_mutual
 
 
 def _is_loopback(address: str) -> bool:
@@ -280,33 +269,16 @@ def _is_loopback(address: str) -> bool:
 
 
 def open_session(
-    config: BusConfig,
-    mode: Mode,
-    name: str = OPERATOR,
-    *,
-    most_hz: float | None = None,
-    robots: Sequence[str] = ("",),
-    renamed: Mapping[str, str] = MappingProxyType({}),
-    timestamps: bool = False,
+    config: BusConfig, mode: Mode, name: str = OPERATOR, **options: Any
 ) -> zenoh.Session:
-    """Open a Zenoh session; see `session_config`.
+    """Open a Zenoh session; the arguments are those of `session_config`.
 
     Raises:
         BusError: A port is taken, or a client finds no router.
     """
     os.environ.setdefault("ZENOH_RUNTIME", THREADS)
     try:
-        return zenoh.open(
-            session_config(
-                config,
-                mode,
-                name,
-                most_hz=most_hz,
-                robots=robots,
-                renamed=renamed,
-                timestamps=timestamps,
-            )
-        )
+        return zenoh.open(session_config(config, mode, name, **options))
     except zenoh.ZError as error:
         endpoints = ", ".join(config.router_endpoints or (str(config.zenoh_config),))
         reason = reason_of(error)
@@ -321,8 +293,8 @@ def open_session(
             raise BusError(
                 f"nothing answers at {endpoints}: is `mecazen up` running{keys}?"
             ) from None
-        where = f"listen on {endpoints}" if mode == "router" else "open the Zenoh session"
-        raise BusError(f"can't {where}: {reason}") from None
+        action = f"listen on {endpoints}" if mode == "router" else "open the Zenoh session"
+        raise BusError(f"can't {action}: {reason}") from None
 
 
 def includes(expression: str, key: str) -> bool:
@@ -338,10 +310,5 @@ def includes(expression: str, key: str) -> bool:
 
 
 def reason_of(error: zenoh.ZError) -> str:
-    """Return the message of a Zenoh error in one line, without source locations."""
-    text = re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error))
-    parsing = re.search(r"-->\s*(\d+):(\d+)\s.*=\s+(.*)", text, re.DOTALL)
-    if parsing:
-        return f"line {parsing[1]}, column {parsing[2]}: {' '.join(parsing[3].split())}"
-    quoted = re.search(r'msg: "((?:[^"\\]|\\.)*)"', text)
-    return " ".join((quoted[1] if quoted else text).split())
+    """Return the message of a Zenoh error in one line, without locations in Zenoh's sources."""
+    return " ".join(str(error).partition(" at /")[0].split())

@@ -1,40 +1,48 @@
-"""The bus over Eclipse Zenoh."""
+"""The bus over Eclipse Zenoh.
+
+On Zenoh's threads samples and queries become functions in one queue. `spin_once` calls them on the
+service's thread.
+"""
 
 from __future__ import annotations
 
 import logging
 import queue
+import threading
+from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import zenoh
 
-from mecazen.bus.base import (
-    Bus,
-    Handler,
-    Nothing,
-    Publisher,
-    Reply,
-    StoppedError,
-    decode_sample,
-    deliver,
-)
-from mecazen.bus.inbox import BACKLOG_BYTES, Backlog, Inbox, Queue, Refusals, next_of
-from mecazen.bus.queries import TOO_LONG, QueryInbox, ZenohReply, answer_in, envelope_bytes
-from mecazen.bus.receiving import Pause, Sources, direct
+from mecazen.bus.base import Bus, Handler, Nothing, Publisher, Reply, StoppedError, deliver
 from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
 from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
-from mecazen.wire import JSON_ENCODING, MAX_ENVELOPE_BYTES, RefusedError, Stamp, encode
+from mecazen.text import printable
+from mecazen.wire import JSON_ENCODING, RefusedError, Stamp, decode, encode
 
-logger = logging.getLogger(__name__)
+SAMPLE_BYTES = 500
+"""Approximate memory of a waiting sample besides its content [bytes]."""
+BACKLOG_BYTES = 1 << 26
+"""Maximum size of the waiting samples of a subscription to bytes [bytes]."""
+WAITING_AT_MOST = 16
+"""Maximum number of waiting samples of a subscription that takes the newest valid one."""
+SIGNAL_CHECK_S = 0.2
+"""Maximum delay of a signal that another thread receives, and so does not end a wait [s]."""
 
+Queue = queue.SimpleQueue[Callable[[], None]]
+ItemT = TypeVar("ItemT")
 Sent = tuple[str, bytes, str, bytes | None]
 """Key, payload, encoding and attachment of a sample."""
+
+logger = logging.getLogger(__name__)
 
 
 class ZenohBus(Bus):
@@ -52,7 +60,6 @@ class ZenohBus(Bus):
         mode: Mode | None = None,
         *,
         name: str = OPERATOR,
-        gather_s: float = 0.0,
         renamed: Mapping[str, str] | None = None,
     ) -> None:
         """Open the session.
@@ -62,43 +69,31 @@ class ZenohBus(Bus):
             mode: A peer connects directly to the others, a client only to the router. None: the
                 mode in `config`.
             name: Name of the certificate that the session shows, if certificates are used.
-            gather_s: Maximum delay by which samples gather and arrive together, so that senders
-                need not wake this process for each of them [s].
             renamed: Keys on the bus that differ from those of their topics, by topic key.
 
         Raises:
             BusError: See `open_session`.
         """
         super().__init__(renamed)
-        self._pause = Pause(gather_s)
-        self._queue: Queue = queue.SimpleQueue()
-        self._refusals = Refusals(self._queue, self.refuse)
-        self._sources = Sources(self.presence)
-        self._heard: dict[tuple[str, bool, str], list[Handler[Any]]] = {}
-        """Handlers of each Zenoh subscriber, by full key, `every` and `of`."""
+        self.queue: Queue = queue.SimpleQueue()
+        """Functions that `spin_once` calls."""
+        self._handlers: dict[tuple[str, bool, str], list[Handler[Any]]] = {}
+        """Handlers of each Zenoh subscriber, by key, `every` and `of`."""
         self._listeners: dict[str, list[Handler[Any]]] = {}
-        self._tokens: list[zenoh.LivelinessToken] = []
         self._publishers: dict[str, _ZenohPublisher[Any]] = {}
+        self._sources: dict[str, object] = {}
+        """The session of each service that alone publishes a topic, by its first sample."""
+        self._tokens: list[zenoh.LivelinessToken] = []
         self._session = open_session(config, mode or config.mode, name)
 
-    @property
-    def queue(self) -> Queue:
-        """Queue of the functions that `spin_once` calls."""
-        return self._queue
-
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
-        """Return a publisher for a topic."""
         key = self.key_of(topic)
-        publisher = self._publishers.get(key)
-        if publisher is None:
+        if key not in self._publishers:
             declared = self._session.declare_publisher(
-                key,
-                encoding=JSON_ENCODING,
-                congestion_control=zenoh.CongestionControl.DROP,
+                key, encoding=JSON_ENCODING, congestion_control=zenoh.CongestionControl.DROP
             )
-            publisher = _ZenohPublisher(declared, self, topic)
-            self._publishers[key] = publisher
-        return publisher
+            self._publishers[key] = _ZenohPublisher(declared, self, topic)
+        return self._publishers[key]
 
     def listeners(self, topic: Topic[Any]) -> list[Handler[Any]]:
         """Return the list of handlers for a topic's samples of this process; callers add to it."""
@@ -113,78 +108,83 @@ class ZenohBus(Bus):
         nothing: Nothing | None = None,
         of: str = "",
     ) -> None:
-        """Deliver samples of a topic to `handler`.
-
-        Subscriptions to a key with equal `every` and `of` share one Zenoh subscriber, which decodes
-        each sample once.
-        """
-        handlers = self._heard.setdefault((self.key_of(topic), every, of), [])
-        handlers.append(handler)
-        if len(handlers) == 1:
-            self._hear(topic, handlers, every, nothing, of)
-
-    def _hear(
-        self,
-        topic: Topic[MessageT],
-        handlers: list[Handler[MessageT]],
-        every: bool,
-        nothing: Nothing | None,
-        of: str,
-    ) -> None:
-        """Subscribe to a topic's samples of other processes."""
         key = self.key_of(topic)
-        refuse = partial(self._refusals.add, key)
-
-        def decoded(sample: zenoh.Sample) -> tuple[MessageT, Stamp | None]:
-            if str(sample.key_expr) != key:
-                # access rules may allow a wildcard to clients that may not publish on this key
-                raise RefusedError("put on another key expression")
-            return decode_sample(topic, *_content(sample))
-
-        def take(sample: zenoh.Sample) -> bool:
-            try:
-                if nothing is not None and not sample.payload and sample.attachment is not None:
-                    nothing(Stamp.unpack(sample.attachment.to_bytes()))
-                    return True
-                message, stamp = decoded(sample)
-            except RefusedError as refusal:
-                self.refuse(key, str(refusal))
-                return False
-            if stamp is None:
-                payload, encoding, _ = _content(sample)
-                self.warn_of_unknown_fields(key, payload, encoding, message)
-            deliver(handlers, message, stamp)
-            return True
-
-        def is_good(sample: zenoh.Sample) -> bool:
-            try:
-                decoded(sample)
-            except RefusedError as refusal:
-                refuse(str(refusal))
-                return False
-            return True
+        handlers = self._handlers.setdefault((key, every, of), [])
+        handlers.append(handler)
+        if len(handlers) > 1:  # they share a Zenoh subscriber, which decodes each sample once
+            return
 
         def receive(sample: zenoh.Sample) -> None:
-            if of and self._sources.is_second(of, sample):
-                refuse(f"not from {of}, which alone publishes it")
-            elif len(sample.payload) > topic.max_bytes:
-                refuse(f"payload of more than {topic.max_bytes} bytes")
-            elif envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
-                refuse(TOO_LONG)
+            try:
+                self._refuse_unread(sample, key, topic.max_bytes, of)
+            except RefusedError as refusal:
+                self.refuse(key, str(refusal))
             else:
                 keep(sample)
 
-        if every:
-            full = partial(refuse, f"more than {BACKLOG_BYTES} bytes wait")
-            keep = Backlog(
-                self._queue, take, lambda sample: len(sample.payload), BACKLOG_BYTES, full
-            ).receive
-        else:
-            keep = Inbox(self._queue, take, is_good, partial(self._count_lost, key)).receive
+        def take(sample: zenoh.Sample) -> bool:
+            payload, encoding, attachment = _content(sample)
+            try:
+                if nothing is not None and not payload and attachment is not None:
+                    nothing(Stamp.unpack(attachment))
+                    return True
+                message, stamp = self._decode_sample(topic, payload, encoding, attachment)
+            except RefusedError as refusal:
+                self.refuse(key, str(refusal))
+                return False
+            deliver(handlers, message, stamp)
+            return True
+
+        keep = self.keep_every(take) if every else self.keep_newest(take, key)
         self._declare_subscriber(key, receive, zenoh.Locality.REMOTE)
 
-    def _count_lost(self, key: str, count: int) -> None:
-        self.lost[key] += count
+    def keep_every(self, take: Callable[[ItemT], object]) -> Callable[[ItemT], None]:
+        """Return a function for Zenoh's threads: the service's thread takes its items in order."""
+        return lambda item: self.queue.put(partial(take, item))
+
+    def keep_newest(self, take: Callable[[ItemT], object], key: str) -> Callable[[ItemT], None]:
+        """Return a function as `keep_every`, of whose items only the newest one is taken.
+
+        If `take` returns False for it, the item before it is taken, and so on. Items that newer
+        ones replace are counted as lost.
+        """
+        lock, items, count = threading.Lock(), deque[ItemT](maxlen=WAITING_AT_MOST), 0
+
+        def keep(item: ItemT) -> None:
+            nonlocal count
+            with lock:
+                items.append(item)
+                count += 1
+                if count == 1:
+                    self.queue.put(take_newest)
+
+        def take_newest() -> None:
+            nonlocal count
+            with lock:
+                waiting, lost = list(items), count - 1
+                items.clear()
+                count = 0
+            while waiting and take(waiting.pop()) is False:
+                lost -= 1
+            if lost > 0:
+                self.lost[key] += lost
+
+        return keep
+
+    def _refuse_unread(self, sample: zenoh.Sample, key: str, limit: int, service: str) -> None:
+        """Refuse a sample by its size [bytes], its key expression, or its session.
+
+        Access rules may allow a wildcard to clients that may not publish on the key. A program that
+        copies the identity of the service's session is accepted; only certificates exclude it.
+        """
+        if len(sample.payload) > limit:
+            raise RefusedError(f"payload of {len(sample.payload)} bytes, at most {limit}")
+        if str(sample.key_expr) != key:
+            raise RefusedError("put on another key expression")
+        source = sample.source_info
+        session = None if source is None else source.source_id.zid
+        if service and self._sources.setdefault(service, session) != session:
+            raise RefusedError(f"not from {service}, which alone publishes it")
 
     def subscribe_bytes(
         self,
@@ -197,30 +197,38 @@ class ZenohBus(Bus):
         Samples on keys of ROS are left out, since they repeat other samples. Samples are
         refused if more than `backlog_bytes` would wait.
         """
-        refuse = partial(self._refusals.add, key)
-        full = partial(refuse, f"more than {backlog_bytes:.0f} bytes wait")
-        backlog: Backlog[Sent] = Backlog(
-            self._queue, lambda sent: handler(*sent), bytes_of, backlog_bytes, full
-        )
+        waiting_bytes = 0
+        lock = threading.Lock()
+
+        def take(sent: Sent) -> None:
+            nonlocal waiting_bytes
+            with lock:
+                waiting_bytes -= bytes_of(sent)
+            handler(*sent)
 
         def receive(sample: zenoh.Sample) -> None:
+            nonlocal waiting_bytes
             name = str(sample.key_expr)
             if "::" in name:  # a type of ROS
                 return
-            if envelope_bytes(sample) > MAX_ENVELOPE_BYTES:
-                refuse(TOO_LONG)
-                return
             # a Zenoh sample would keep the memory of its whole batch
-            backlog.receive((name, *_content(sample)))
+            sent = (name, *_content(sample))
+            with lock:
+                has_room = waiting_bytes + bytes_of(sent) <= backlog_bytes
+                if has_room:
+                    waiting_bytes += bytes_of(sent)
+            if has_room:
+                self.queue.put(partial(take, sent))
+            else:
+                self.refuse(key, f"more than {backlog_bytes:.0f} bytes wait")
 
         self._declare_subscriber(key, receive, zenoh.Locality.ANY)
 
     def _declare_subscriber(
-        self, key: str, keep: Callable[[zenoh.Sample], None], origin: zenoh.Locality
+        self, key: str, receive: Callable[[zenoh.Sample], None], origin: zenoh.Locality
     ) -> None:
-        handler = direct(self._pause.after(keep))
         try:
-            self._session.declare_subscriber(key, handler, allowed_origin=origin)
+            self._session.declare_subscriber(key, direct(receive), allowed_origin=origin)
         except zenoh.ZError as error:
             raise BusError(f"{key!r} is not a key expression: {reason_of(error)}") from None
 
@@ -239,15 +247,15 @@ class ZenohBus(Bus):
     def serve(
         self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]
     ) -> None:
-        """Answer queries on a call's key."""
         key = call.key
-
-        def refuse(query: zenoh.Query, reason: str) -> None:
-            self._refusals.add(key, reason)
-            ZenohReply(query, key).refuse(reason)
 
         def take(query: zenoh.Query) -> None:
             reply: ZenohReply[AnswerT] = ZenohReply(query, key)
+            if call.changes and str(query.key_expr) != key:
+                # a query with a wildcard explores the keys and must not change state
+                self.refuse(key, "asked on another key expression")
+                reply.refuse("asked on another key expression")
+                return
             payload = b"" if query.payload is None else query.payload.to_bytes()
             try:
                 request = self._decode_request(call, payload)
@@ -257,30 +265,24 @@ class ZenohBus(Bus):
                 handler(request, reply)
 
         self._servers[key] = handler
-        inbox = QueryInbox(self._queue, key if call.changes else None, take, refuse)
-        self._session.declare_queryable(key, direct(inbox.receive))
+        self._declare_queryable(key, take)
 
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
-        """Answer queries on `prefix/<path>` with a file's bytes."""
         served = {f"{prefix}/{path}": data for path, data in files.items()}
 
-        def answer(query: zenoh.Query) -> None:
+        def take(query: zenoh.Query) -> None:
             with query:
                 for key, data in served.items():
                     if query.key_expr.intersects(zenoh.KeyExpr(key)):
                         query.reply(key, data, encoding=zenoh.Encoding.APPLICATION_OCTET_STREAM)
 
-        def refuse(query: zenoh.Query, reason: str) -> None:
-            self._refusals.add(prefix, reason)
-            with query:
-                query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
-
         self._files |= served
-        inbox = QueryInbox(self._queue, None, answer, refuse)
-        self._session.declare_queryable(f"{prefix}/**", direct(inbox.receive))
+        self._declare_queryable(f"{prefix}/**", take)
+
+    def _declare_queryable(self, key: str, take: Callable[[zenoh.Query], None]) -> None:
+        self._session.declare_queryable(key, direct(self.keep_every(take)))
 
     def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
-        """Return the served files that a key expression selects, by key."""
         files = {key: data for key, data in self._files.items() if includes(selector, key)}
         if not files:  # otherwise this process serves them
             for reply in self._session.get(selector, timeout=timeout_s):
@@ -291,17 +293,23 @@ class ZenohBus(Bus):
     def call(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
     ) -> AnswerT:
-        """Query a key and return the answer."""
         key = call.key
         if key in self._servers:
             return self._ask(call, request, timeout_s)
         replies = self._session.get(
-            key,
-            payload=encode(request),
-            encoding=JSON_ENCODING,
-            timeout=timeout_s,
+            key, payload=encode(request), encoding=JSON_ENCODING, timeout=timeout_s
         )
-        return answer_in(replies, call)
+        for reply in replies:
+            if reply.err is not None:
+                reason = reply.err.payload.to_bytes().decode(errors="replace")
+                raise BusError(f"{key}: {printable(reason)}")
+            if reply.ok is not None:
+                sample = reply.ok
+                try:
+                    return decode(sample.payload.to_bytes(), call.answer, str(sample.encoding))
+                except RefusedError as refusal:
+                    raise BusError(f"{key}: the answer is {refusal}") from None
+        raise BusError(f"{key}: nobody answers; is `mecazen up` running?")
 
     def declare_alive(self, name: str, robot: str = "") -> None:
         """Hold a service's liveliness token until the bus is closed.
@@ -317,6 +325,11 @@ class ZenohBus(Bus):
         token = join_key(f"{LIVELINESS}/{name}", robot)
         self._tokens.append(liveliness.declare_token(token))
 
+    def _on_liveliness(self, sample: zenoh.Sample) -> None:
+        name, alive = name_of(sample), sample.kind == zenoh.SampleKind.PUT
+        self._sources.pop(name, None)  # a service that has restarted has another session
+        self.queue.put(partial(self.presence.update, name, alive=alive))
+
     def alive(self, timeout_s: float = 1.0) -> set[str]:
         """Query the network for tokens; names that end in `/ready` mark ready services.
 
@@ -327,22 +340,20 @@ class ZenohBus(Bus):
         return {name_of(reply.ok) for reply in replies if reply.ok is not None}
 
     def spin_once(self, timeout_s: float | None = None) -> bool:
-        """Deliver one sample, query or event on this thread."""
         try:
             if timeout_s is None:
-                deliver_one = next_of(self._queue)
+                function = next_of(self.queue)
             elif timeout_s <= 0.0:
-                deliver_one = self._queue.get_nowait()
+                function = self.queue.get_nowait()
             else:
-                deliver_one = self._queue.get(timeout=timeout_s)
+                function = self.queue.get(timeout=timeout_s)
         except queue.Empty:
             return False
-        deliver_one()
+        function()
         return True
 
     def stop(self) -> None:
-        """Make the next `spin_once`, or one that waits, raise StoppedError."""
-        self._queue.put(_raise_stopped)
+        self.queue.put(_raise_stopped)
 
     def close(self) -> None:
         """Close the session, which also drops the tokens.
@@ -355,41 +366,61 @@ class ZenohBus(Bus):
         except zenoh.ZError as error:
             logger.warning("msg=%r", f"the session did not close: {reason_of(error)}")
 
-    def _on_liveliness(self, sample: zenoh.Sample) -> None:
-        alive = sample.kind == zenoh.SampleKind.PUT
-        self._queue.put(partial(self.presence.update, name_of(sample), alive=alive))
-
 
 class _ZenohPublisher(Publisher[MessageT]):
-    """Publishes to other processes, and through the queue to observers in this process."""
+    """Publishes to other processes, and through the queue to listeners in this process."""
 
-    def __init__(
-        self,
-        publisher: zenoh.Publisher,
-        bus: ZenohBus,
-        topic: Topic[MessageT],
-    ) -> None:
+    def __init__(self, publisher: zenoh.Publisher, bus: ZenohBus, topic: Topic[MessageT]) -> None:
         self._publisher = publisher
         self._source = zenoh.SourceInfo(publisher.id, 0)
+        self._bus, self._topic = bus, topic
         self._listeners = bus.listeners(topic)
-        self._ready = bus.queue
-        self._refuse = partial(bus.refuse, bus.key_of(topic))
-        self._max_bytes = topic.max_bytes
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
         attachment = None if stamp is None else stamp.pack()
-        payload = encode(message)
-        if len(payload) > self._max_bytes:  # no receiver would take it
-            self._refuse(f"not sent: {len(payload)} bytes, at most {self._max_bytes}")
+        payload, limit = encode(message), self._topic.max_bytes
+        if len(payload) > limit:  # no receiver would take it
+            key = self._bus.key_of(self._topic)
+            self._bus.refuse(key, f"not sent: {len(payload)} bytes, at most {limit}")
             if stamp is not None:
                 self.put_nothing(stamp)
             return
         self._publisher.put(payload, attachment=attachment, source_info=self._source)
         if self._listeners:
-            self._ready.put(partial(deliver, self._listeners, message, stamp))
+            self._bus.queue.put(partial(deliver, self._listeners, message, stamp))
 
     def put_nothing(self, stamp: Stamp) -> None:
         self._publisher.put(b"", attachment=stamp.pack(), source_info=self._source)
+
+
+@dataclass
+class ZenohReply(Reply[AnswerT]):
+    """Answers one query, on its key."""
+
+    query: zenoh.Query
+    key: str
+
+    def answer(self, message: AnswerT) -> None:
+        """Answer with a message."""
+        with self.query as query:
+            query.reply(self.key, encode(message), encoding=JSON_ENCODING)
+
+    def refuse(self, reason: str) -> None:
+        """Answer with an error."""
+        with self.query as query:
+            query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
+
+
+def direct(function: Callable[[Any], None]) -> Any:
+    """Return a handler that runs on Zenoh's receiving thread, which saves a hop."""
+    return zenoh.handlers.Callback(function, indirect=False)
+
+
+def next_of(items: queue.SimpleQueue[ItemT]) -> ItemT:
+    """Wait for the next item of a queue and return it; a signal handler may also add an item."""
+    while True:
+        with suppress(queue.Empty):
+            return items.get(timeout=SIGNAL_CHECK_S)
 
 
 def name_of(token: zenoh.Sample) -> str:
@@ -399,9 +430,9 @@ def name_of(token: zenoh.Sample) -> str:
 
 
 def bytes_of(sent: Sent) -> int:
-    """Return the size of a sample [bytes]."""
+    """Return the approximate memory of a waiting sample [bytes]."""
     key, payload, encoding, attachment = sent
-    return len(key) + len(payload) + len(encoding) + len(attachment or b"")
+    return SAMPLE_BYTES + len(key) + len(payload) + len(encoding) + len(attachment or b"")
 
 
 def _content(sample: zenoh.Sample) -> tuple[bytes, str, bytes | None]:

@@ -69,7 +69,7 @@ class Clock:
         self.step_reply: Reply[SimState] | None = None
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
         bus = host.bus
-        self.pace = Pace(bus, host.tick_ns, self.scenario.sim.answer_timeout_s)
+        self.pace = Pace(bus, self.scenario.sim.answer_timeout_s)
         self._parameters = bus.publisher(keys.PARAMETERS)
         for name in {key.partition(".")[0] for key in parameters(self.scenario)}:
             with suppress(ConfigError):  # a later import would take many ticks
@@ -97,7 +97,6 @@ class Clock:
         """Begin a run: return the world to its initial state."""
         self.tick = self.missed_deadlines = 0
         self.host.begin(Stamp(0, secrets.randbits(32), seed, self.live.revision))
-        self.pace.begin(self.stamp.run)
 
     def run(self) -> None:
         """Wait until every service of the scenario is ready, then advance until stopped."""
@@ -159,7 +158,7 @@ class Clock:
         if self.lockstep or self.paused:
             self._await_all()
             if self.lockstep:
-                self.pace.keep(self.tick + 1, lambda: self.asked_reset is not None)
+                self.pace.keep(self.tick + 1)
         elif self.tick == 0:
             # first answers take longer, so time starts only once they have arrived
             self._await_all()

@@ -16,9 +16,8 @@ from queue import SimpleQueue
 
 from mecazen import log
 from mecazen.bus import Bus, StoppedError
-from mecazen.bus.inbox import next_of
 from mecazen.bus.session import open_session
-from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.bus.zenoh_bus import ZenohBus, next_of
 from mecazen.config import BusConfig, Process, Scenario
 from mecazen.errors import BusError, ConfigError
 from mecazen.extras import is_installed

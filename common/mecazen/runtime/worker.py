@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from mecazen.loop import Slot
 from mecazen.runtime.host import Host
-from mecazen.runtime.pace import Receipts
+from mecazen.runtime.pace import declare_every
 from mecazen.wire import Stamp
 
 POLL_S = 0.25
@@ -35,15 +35,10 @@ class Worker:
     def run(self) -> None:
         """Make ticks until the bus is stopped."""
         host = self.host
-        if not host.lockstep or host.is_awaited():
-            while True:
-                self.step()
-        receipts = Receipts(host.bus, *host.parts[0], host.tick_ns)
+        if host.lockstep and not host.is_awaited():
+            declare_every(host.bus, *host.parts[0])
         while True:
             self.step()
-            # nothing is due before the next turn
-            done = self._due()[0] - 1 if self._last >= 0 else 0
-            receipts.reached(host.stamp._replace(time_ns=done * host.tick_ns))
 
     def step(self) -> bool:
         """Make a tick or begin a run.

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 from mecazen import keys, log
 from mecazen.bus import Bus, StoppedError
-from mecazen.bus.inbox import SAMPLE_BYTES
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import Sent, ZenohBus, bytes_of
 from mecazen.config import RecorderConfig
@@ -21,7 +20,7 @@ from mecazen.keys import Topic, call_of_robot, of_robot, resolve
 from mecazen.loading import renamed_in, robots_in
 from mecazen.messages import Empty, Message
 from mecazen.robots import split_key
-from mecazen.runtime.pace import RECORD, Receipts
+from mecazen.runtime.pace import RECORD, declare_every
 from mecazen.runtime.process import stop_on_signals
 from mecazen.runtime.readiness import READY
 from mecazen.urdf import RobotDescription, ask_description
@@ -146,7 +145,7 @@ class Recorder:
             self._record(sample)
         elif self._waiting_bytes < self._most_bytes:
             self._waiting.append(sample)
-            self._waiting_bytes += SAMPLE_BYTES + bytes_of(sample)
+            self._waiting_bytes += bytes_of(sample)
         else:
             self._bus.refuse(key, f"more than {self._most_bytes:.0f} bytes wait")
 
@@ -158,7 +157,7 @@ class Recorder:
             asked_for = self._asked_for
             while self._waiting and self._answer is None:
                 sample = self._waiting.popleft()
-                self._waiting_bytes -= SAMPLE_BYTES + bytes_of(sample)
+                self._waiting_bytes -= bytes_of(sample)
                 self._record(sample, answer if asked_for > 0 else None)
                 asked_for -= 1
 
@@ -200,7 +199,7 @@ class Recorder:
         if first is None:
             return
         self._waiting.extendleft((sample, first))
-        self._waiting_bytes += 2 * SAMPLE_BYTES + bytes_of(sample) + bytes_of(first)
+        self._waiting_bytes += bytes_of(sample) + bytes_of(first)
         self._asked, self._asked_for = stamp, len(self._waiting)
         calls = [call_of_robot(keys.ROBOT_DESCRIPTION, robot) for robot in self._robots]
         served = any(map(self._bus.serves, calls))
@@ -272,7 +271,7 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
         bus.presence.known = ()
         for name in (RECORD, f"{RECORD}/{READY}"):
             bus.declare_alive(name)
-        Receipts(bus, RECORD).follow()
+        declare_every(bus, RECORD)
         logger.info("msg=started file=%s", config.path)
         recorder.run()
     except StoppedError:

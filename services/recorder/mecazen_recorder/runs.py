@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 
-from mecazen.bus.inbox import SAMPLE_BYTES
 from mecazen.bus.zenoh_bus import Sent, bytes_of
 
 FIRST_BYTES = 1 << 22
@@ -31,10 +30,10 @@ class FirstSamples:
         """Return the first sample of a run if this is the second one; keep this one otherwise."""
         first = self._samples.pop(run, None)
         if first is not None:
-            self._bytes -= SAMPLE_BYTES + bytes_of(first)
+            self._bytes -= bytes_of(first)
             return first
         self._samples[run] = sample
-        self._bytes += SAMPLE_BYTES + bytes_of(sample)
+        self._bytes += bytes_of(sample)
         while self._bytes > FIRST_BYTES:
             self._drop()
         return None
@@ -46,5 +45,5 @@ class FirstSamples:
 
     def _drop(self) -> None:
         _, sample = self._samples.popitem(last=False)
-        self._bytes -= SAMPLE_BYTES + bytes_of(sample)
+        self._bytes -= bytes_of(sample)
         self._refuse(sample[0])

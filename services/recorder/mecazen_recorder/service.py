@@ -15,7 +15,7 @@ from mecazen.config import Scenario
 from mecazen.loading import to_toml
 from mecazen.programs import graph_of
 from mecazen.runtime.observer import Observer
-from mecazen.runtime.pace import Receipts
+from mecazen.runtime.pace import declare_every
 
 from mecazen_recorder.recorder import Recorder
 
@@ -46,9 +46,8 @@ class RecorderService(Observer):
 
     def run(self) -> None:
         """Record until the bus is stopped."""
-        sim = self.scenario.sim
-        if sim.mode == "lockstep":
-            Receipts(self.bus, self.name, tick_ns=sim.tick_ns).follow()
+        if self.scenario.sim.mode == "lockstep":
+            declare_every(self.bus, self.name)
         self.recorder.run()
 
     def close(self) -> None:

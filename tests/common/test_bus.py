@@ -1,0 +1,215 @@
+"""The contract of a bus, for the local one and the one over Zenoh."""
+
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
+import pytest
+from harness import ask_bytes, error_of, forward, wait
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.bus import StoppedError
+from mecazen.errors import BusError
+from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, Stamp
+
+STAMP = Stamp(10_000_000, 3, 7)
+
+
+@pytest.fixture
+def received(pair):
+    """Samples that arrive on cmd_vel, from a linked far bus."""
+    samples = []
+    pair.near.subscribe(keys.CMD_VEL, lambda message, stamp: samples.append((message, stamp)))
+    pair.link()
+    return samples
+
+
+def test_messages_and_bytes_arrive_with_or_without_a_stamp(pair, received):
+    for encoding, stamp in (("", None), (JSON_ENCODING, STAMP)):
+        pair.far.publisher(keys.CMD_VEL).put(forward(0.2), stamp)
+        pair.settle()
+        pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.5}}\n', encoding, stamp and stamp.pack())
+        pair.settle()
+    assert received == [(forward(x), stamp) for stamp in (None, STAMP) for x in (0.2, 0.5)]
+
+
+def test_with_every_all_samples_arrive_in_order_across_keys(pair):
+    samples = []
+    for topic in (keys.CMD_VEL, keys.CLOCK):
+        pair.near.subscribe(topic, lambda message, _: samples.append(message), every=True)
+    pair.link()
+    clocks, commands = pair.far.publisher(keys.CLOCK), pair.far.publisher(keys.CMD_VEL)
+    expected = []
+    for tick in range(100):
+        clocks.put(m.Clock(m.Time(tick)), STAMP)
+        commands.put(forward(tick), STAMP)
+        expected += [m.Clock(m.Time(tick)), forward(tick)]
+    pair.settle()
+    assert samples == expected
+
+
+def test_a_refused_sample_is_counted_and_the_last_value_stays(pair, received, caplog):
+    wrong = [
+        (b"", None),
+        (b"{", None),
+        (b'{"linear":{"x":1e9}}', None),
+        (b"{}" + b" " * MAX_SAMPLE_BYTES, None),
+        (b"{}", b"no stamp"),
+    ]
+    pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
+    pair.settle()
+    for count, (payload, attachment) in enumerate(wrong, 1):
+        pair.far.put_bytes("cmd_vel", payload, "", attachment)
+        pair.settle()
+        assert pair.near.refused == {"cmd_vel": count}
+    assert received == [(forward(0.2), None)]
+    assert caplog.messages[0] == "msg=refused key=cmd_vel count=1 reason='empty payload'"
+    pair.far.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    pair.settle()
+    assert received[1:] == [(forward(0.3), None)]
+
+
+@pytest.mark.parametrize("payload", [b"nonsense", b'{"linaer":{"x":1},"linear":{"x":0.25}}'])
+def test_a_key_is_logged_once_a_second_and_every_refusal_counted(
+    pair, received, caplog, monkeypatch, payload
+):
+    now = SimpleNamespace(s=100.0)
+    monkeypatch.setattr("mecazen.bus.base.time", SimpleNamespace(monotonic=lambda: now.s))
+    for step_s in (0.0, 0.99, 0.02):
+        now.s += step_s
+        for _ in range(50):
+            pair.far.put_bytes("cmd_vel", payload)
+            pair.settle()
+    assert len(caplog.messages) == 2
+    if payload == b"nonsense":
+        assert caplog.messages[1].startswith("msg=refused key=cmd_vel count=101 reason=")
+    else:
+        problem = "linaer is ignored; did you mean linear? allowed: linear, angular"
+        assert pair.near.ignored == {"cmd_vel": problem}
+        assert caplog.messages[0] == f"msg=ignored key=cmd_vel reason={problem!r}"
+        assert {message for message, _ in received} == {forward(0.25)}
+
+
+def test_unknown_fields_of_nodes_are_not_reported(pair, received):
+    pair.far.put_bytes("cmd_vel", b'{"mine":1,"linear":{}}', "", STAMP.pack())
+    pair.settle()
+    assert received == [(m.Twist(), STAMP)]
+    assert not pair.near.ignored
+
+
+def test_files_are_fetched_by_key_and_by_expression(pair):
+    files = {"meshes/wheel.stl": b"\x00wheel", "meshes/roller.stl": b"roller", "robot.urdf": b""}
+    pair.near.serve_files("robot_description", files)
+    selected = {
+        "meshes/wheel.stl": ["meshes/wheel.stl"],
+        "meshes/*": ["meshes/wheel.stl", "meshes/roller.stl"],
+        "**": list(files),
+        "meshes/none.stl": [],
+    }
+    pair.link()
+    with pair.serving():
+        for selector, paths in selected.items():
+            expected = {f"robot_description/{path}": files[path] for path in paths}
+            assert pair.far.fetch_files(f"robot_description/{selector}") == expected
+    assert len(pair.near.fetch_files("robot_description/**")) == len(files)
+
+
+def test_a_query_is_answered_refused_or_not_answered(pair):
+    near, far = pair.near, pair.far
+    near.serve(keys.SIM_STEP, lambda request, reply: reply.answer(m.SimState(tick=request.ticks)))
+    near.serve(keys.SIM_RESET, lambda _, reply: reply.refuse("pause first"))
+    assert near.call(keys.SIM_STEP, m.StepRequest(ticks=5)).tick == 5
+    pair.link()
+    with pair.serving():
+        assert far.call(keys.SIM_STEP, m.StepRequest(ticks=5)).tick == 5
+        text = error_of(BusError, lambda: far.call(keys.SIM_RESET, m.ResetRequest()))
+        assert text == "sim/reset: pause first"
+    text = error_of(BusError, lambda: far.call(keys.SET_ODOMETRY, m.OdometryRequest()))
+    assert text.startswith("set_odometry: nobody answers")
+
+
+def test_a_query_may_be_answered_later(zenoh_pair):
+    near, far, replies = zenoh_pair.near, zenoh_pair.far, []
+    near.serve(keys.SIM_RESET, lambda _, reply: replies.append(reply))
+    near.serve(keys.SIM_PAUSE, lambda _, reply: reply.answer(m.SimState(tick=1)))
+    zenoh_pair.link()
+    with zenoh_pair.serving(), ThreadPoolExecutor() as pool:
+        later = pool.submit(far.call, keys.SIM_RESET, keys.SIM_RESET.request())
+        while not replies:
+            assert far.call(keys.SIM_PAUSE, m.Empty()).tick == 1
+        replies.pop().answer(m.SimState(tick=2))
+        assert later.result().tick == 2
+
+
+def test_empty_requests_mean_defaults_and_wrong_ones_are_refused(bus):
+    bus.serve(keys.SIM_STEP, lambda request, reply: reply.answer(m.SimState(tick=request.ticks)))
+    for payload in (b"", b" \n", b"{}"):
+        assert ask_bytes(bus, keys.SIM_STEP, payload).tick == 1
+    for count, payload in enumerate((b'{"ticks":0}', b'{"ticks":"x"}', b"x", b"[]", b"\xc0"), 1):
+        with pytest.raises(BusError, match=r"^sim/step: "):
+            ask_bytes(bus, keys.SIM_STEP, payload)
+        assert bus.refused == {"sim/step": count}
+
+
+def test_a_query_that_stays_open_is_an_error(bus):
+    bus.serve(keys.SIM_STEP, lambda request, reply: None)
+    with pytest.raises(BusError, match=r"^sim/step: not answered$"):
+        bus.call(keys.SIM_STEP, m.StepRequest())
+
+
+def test_who_is_alive_is_present(pair):
+    changes = []
+    pair.near.presence.on_change.append(lambda: changes.append(set(pair.near.presence.names)))
+    pair.far.declare_alive("physics")
+    pair.far.declare_alive("target", "two")
+    wait(pair.near, lambda: {"physics", "two/target"} <= pair.near.presence.names)
+    assert changes[-1] >= {"physics", "two/target"}
+
+
+def test_unknown_names_are_not_noted_and_returns_are_counted(bus):
+    presence, changes, returned = bus.presence, [], []
+    presence.known = {"target"}
+    presence.on_change.append(lambda: changes.append(1))
+    presence.on_return.append(returned.append)
+    for name in ("stranger", "target"):
+        for alive in (True, True, False, False, True):
+            presence.update(name, alive=alive)
+    assert (presence.names, presence.returns, returned) == ({"target"}, {"target": 1}, ["target"])
+    assert len(changes) == 5
+
+
+def test_spin_once_ends_without_samples_and_after_stop(pair):
+    pair.link()
+    pair.settle()
+    pair.near.drain()
+    assert pair.near.spin_once(0.001) is False
+    pair.near.stop()
+    with pytest.raises(StoppedError):
+        pair.near.spin_once()
+
+
+def test_an_error_of_a_handler_reaches_the_caller(pair):
+    def fail(message, stamp):
+        raise ZeroDivisionError
+
+    def put():
+        pair.far.publisher(keys.CMD_VEL).put(forward(0.2), STAMP)
+        pair.settle()  # within a process the put has reached it at once
+
+    pair.near.subscribe(keys.CMD_VEL, fail)
+    pair.link()
+    with pytest.raises(ZeroDivisionError):
+        put()
+
+
+def test_a_local_put_delivers_the_object_itself_until_closed(bus):
+    samples, message = [], m.Clock()
+    for name in "ab":
+        bus.subscribe(keys.CLOCK, lambda sample, _, name=name: samples.append((name, id(sample))))
+    publisher = bus.publisher(keys.CLOCK)
+    publisher.put(message, STAMP)
+    assert samples == [("a", id(message)), ("b", id(message))]
+    bus.close()
+    publisher.put(message, STAMP)
+    bus.put_bytes("cmd_vel", b"{}")
+    assert len(samples) == 2
+    assert not bus.refused
