@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
-import threading
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping
-from typing import Any, ClassVar, Protocol, TypeVar
+from types import SimpleNamespace
+from typing import Any, ClassVar, Protocol, TypeVar, cast
 
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
@@ -106,14 +106,12 @@ class Bus(ABC):
         self.renamed = dict(renamed or {})
         """Keys on the bus that differ from those of their topics, by topic key."""
         self.refused: Counter[str] = Counter()
-        """Number of refused payloads, by key. Replaced at each change, so that a thread can iterate
-        over it while another one refuses a payload."""
+        """Number of refused payloads, by key."""
         self.ignored: dict[str, str] = {}
-        """The unknown field that was ignored last, by key; replaced at each change."""
+        """The unknown field that was ignored last, by key."""
         self.lost: Counter[str] = Counter()
         """Number of samples that newer ones replaced before delivery, by key."""
         self.presence = Presence()
-        self._lock = threading.Lock()
         self._logged: dict[str, float] = {}
         """Time of the last line about a key [s]."""
         self._servers: dict[str, Callable[[Any, Any], None]] = {}
@@ -204,12 +202,11 @@ class Bus(ABC):
     def close(self) -> None:
         """Leave the bus."""
 
-    def refuse(self, key: str, reason: str) -> None:
+    def refuse(self, key: str, reason: str, count: int = 1) -> None:
         """Count a payload of a key as refused, and log the refusal at most once a second."""
-        with self._lock:
-            count = self.refused[key] + 1
-            self.refused = Counter({**self.refused, key: count})
-            self._log(key, f"msg=refused key={printable(key)} count={count} reason={reason!r}")
+        self.refused[key] += count
+        total = self.refused[key]
+        self._log(key, f"msg=refused key={printable(key)} count={total} reason={reason!r}")
 
     def _decode_sample(
         self, topic: Topic[MessageT], payload: bytes, encoding: str, attachment: bytes | None
@@ -236,9 +233,8 @@ class Bus(ABC):
         """Note an unknown field of a payload, and log it at most once a second."""
         line = ignored_field(payload, encoding, message)
         if line is not None:
-            with self._lock:
-                self.ignored = {**self.ignored, key: line}
-                self._log(key, f"msg=ignored key={key} reason={line!r}")
+            self.ignored[key] = line
+            self._log(key, f"msg=ignored key={key} reason={line!r}")
 
     def _log(self, key: str, line: str) -> None:
         now = time.monotonic()
@@ -258,31 +254,20 @@ class Bus(ABC):
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = math.inf
     ) -> AnswerT:
         """Query the server in this process."""
-        reply: _LocalReply[AnswerT] = _LocalReply()
+        answers: list[Any] = []
+        reply: Any = SimpleNamespace(
+            answer=answers.append,
+            refuse=lambda reason: answers.append(BusError(f"{call.key}: {reason}")),
+        )
         end = time.monotonic() + timeout_s
         self.server(call)(request, reply)
-        while not reply.is_given and (left_s := end - time.monotonic()) > 0.0:
-            if not self.spin_once(left_s):
-                break
-        if reply.message is None:
-            raise BusError(f"{call.key}: {reply.error or 'not answered'}")
-        return reply.message
-
-
-class _LocalReply(Reply[AnswerT]):
-    def __init__(self) -> None:
-        self.message: AnswerT | None = None
-        self.error: str | None = None
-
-    @property
-    def is_given(self) -> bool:
-        return self.message is not None or self.error is not None
-
-    def answer(self, message: AnswerT) -> None:
-        self.message = message
-
-    def refuse(self, reason: str) -> None:
-        self.error = reason
+        while not answers and (left_s := end - time.monotonic()) > 0.0 and self.spin_once(left_s):
+            pass
+        if not answers:
+            raise BusError(f"{call.key}: not answered")
+        if isinstance(answers[0], BusError):
+            raise answers[0]
+        return cast(AnswerT, answers[0])
 
 
 def deliver(handlers: Iterable[Handler[MessageT]], message: MessageT, stamp: Stamp | None) -> None:

@@ -37,7 +37,7 @@ WAITING_AT_MOST = 16
 SIGNAL_CHECK_S = 0.2
 """Maximum delay of a signal that another thread receives, and so does not end a wait [s]."""
 
-Queue = queue.SimpleQueue[Callable[[], None]]
+Queue = queue.SimpleQueue[Callable[[], object]]
 ItemT = TypeVar("ItemT")
 Sent = tuple[str, bytes, str, bytes | None]
 """Key, payload, encoding and attachment of a sample."""
@@ -62,7 +62,7 @@ class ZenohBus(Bus):
         name: str = OPERATOR,
         renamed: Mapping[str, str] | None = None,
     ) -> None:
-        """Open the session.
+        """Open the session; raises as `open_session`.
 
         Args:
             config: Endpoints and namespace.
@@ -70,9 +70,6 @@ class ZenohBus(Bus):
                 mode in `config`.
             name: Name of the certificate that the session shows, if certificates are used.
             renamed: Keys on the bus that differ from those of their topics, by topic key.
-
-        Raises:
-            BusError: See `open_session`.
         """
         super().__init__(renamed)
         self.queue: Queue = queue.SimpleQueue()
@@ -118,7 +115,7 @@ class ZenohBus(Bus):
             try:
                 self._refuse_unread(sample, key, topic.max_bytes, of)
             except RefusedError as refusal:
-                self.refuse(key, str(refusal))
+                self.queue.put(partial(self.refuse, key, str(refusal)))
             else:
                 keep(sample)
 
@@ -197,17 +194,10 @@ class ZenohBus(Bus):
         Samples on keys of ROS are left out, since they repeat other samples. Samples are
         refused if more than `backlog_bytes` would wait.
         """
-        waiting_bytes = 0
-        lock = threading.Lock()
-
-        def take(sent: Sent) -> None:
-            nonlocal waiting_bytes
-            with lock:
-                waiting_bytes -= bytes_of(sent)
-            handler(*sent)
+        lock, waiting_bytes, refused = threading.Lock(), 0, 0
 
         def receive(sample: zenoh.Sample) -> None:
-            nonlocal waiting_bytes
+            nonlocal waiting_bytes, refused
             name = str(sample.key_expr)
             if "::" in name:  # a type of ROS
                 return
@@ -217,10 +207,19 @@ class ZenohBus(Bus):
                 has_room = waiting_bytes + bytes_of(sent) <= backlog_bytes
                 if has_room:
                     waiting_bytes += bytes_of(sent)
+                else:
+                    refused += 1
             if has_room:
                 self.queue.put(partial(take, sent))
-            else:
-                self.refuse(key, f"more than {backlog_bytes:.0f} bytes wait")
+
+        def take(sent: Sent) -> None:
+            nonlocal waiting_bytes, refused
+            with lock:
+                waiting_bytes -= bytes_of(sent)
+                count, refused = refused, 0
+            if count:
+                self.refuse(key, f"more than {backlog_bytes:.0f} bytes wait", count)
+            handler(*sent)
 
         self._declare_subscriber(key, receive, zenoh.Locality.ANY)
 
@@ -312,14 +311,10 @@ class ZenohBus(Bus):
         raise BusError(f"{key}: nobody answers; is `mecazen up` running?")
 
     def declare_alive(self, name: str, robot: str = "") -> None:
-        """Hold a service's liveliness token until the bus is closed.
-
-        The first call also begins to watch the tokens of other services. An earlier watch would
-        falsify `alive`: Zenoh answers it from the tokens that a watching session has received so
-        far, and at first it has received none.
-        """
         liveliness = self._session.liveliness()
         if not self._tokens:
+            # not earlier: Zenoh answers `alive` from the tokens that a watching session has got so
+            # far, and at first it has got none
             watch = direct(self._on_liveliness)
             liveliness.declare_subscriber(f"**/{LIVELINESS}/**", watch, history=True)
         token = join_key(f"{LIVELINESS}/{name}", robot)
@@ -356,14 +351,10 @@ class ZenohBus(Bus):
         self.queue.put(_raise_stopped)
 
     def close(self) -> None:
-        """Close the session, which also drops the tokens.
-
-        If another process is frozen, Zenoh gives up after 10 s. This error is only logged, so that
-        the reason for which the caller exits stays visible.
-        """
         try:
             self._session.close()  # type: ignore[no-untyped-call]
         except zenoh.ZError as error:
+            # another process is frozen; the reason for which the caller exits stays visible
             logger.warning("msg=%r", f"the session did not close: {reason_of(error)}")
 
 
