@@ -25,7 +25,7 @@ from mecazen.graph import GRAPH, Graph
 from mecazen.schema import LIVE
 from mecazen_ros.types import package_files
 from mecazen_tools.cli.app import app
-from mecazen_tools.graph_views import call_rows, gives, takes, topic_rows
+from mecazen_tools.cli.graph import call_rows, gives, takes, topic_rows
 from msgspec import inspect as types
 
 from docs.access import access_table, secure_json5

@@ -53,7 +53,7 @@ def draw(file: Path) -> None:
         while not said or not said[-1].startswith(LAST):
             said.append(_public(up.stdout.readline().decode().rstrip(), where))
         time.sleep(RUN_S)
-        status, _ = _start(*STATUS, *where).communicate(timeout=GUARD_S)
+        status, _ = _start(*where, *STATUS).communicate(timeout=GUARD_S)
         screens = [
             (SHOWN_S, UP, said),
             (SHOWN_S, STATUS, status.decode().splitlines()),
@@ -96,7 +96,7 @@ def _public(line: str, where: Sequence[str]) -> str:
 def _driven(where: Sequence[str]) -> Iterator[list[str]]:
     """Drive ahead by the keyboard; yield the lines that are shown, step by step."""
     master, slave = pty.openpty()
-    driving = _start(*TELEOP, *where, terminal=slave)
+    driving = _start(*where, *TELEOP, terminal=slave)
     os.close(slave)
     shown = ""
 

@@ -84,7 +84,7 @@ def test_everything_starts_and_is_shown_and_ends_by_ctrl_c(away):
     try:
         while "Watch it at" not in (line := running.stdout.readline()):
             assert line, running.stderr.read()
-        assert "position" in said(away("echo", "odom", "--count", "1", *tools(bus)))
+        assert "position" in said(away(*tools(bus), "echo", "odom", "--count", "1"))
     finally:
         running.send_signal(signal.SIGINT)
     assert said(running).endswith("all processes have ended\n")

@@ -74,11 +74,11 @@ class Net:
 
     def start(self, *arguments: object) -> Command:
         """Start a command that keeps running."""
-        self.commands.append(Command(*arguments, *self.tools))
+        self.commands.append(Command(*self.tools, *arguments))
         return self.commands[-1]
 
     def run(self, *arguments: object) -> Any:
-        return mecazen(*arguments, *self.tools)
+        return mecazen(*self.tools, *arguments)
 
     def publish(self, ticks: Sequence[int], **run: int) -> None:
         """Publish some ticks, with a stamp each."""

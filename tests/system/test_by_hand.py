@@ -20,7 +20,7 @@ def test_the_drive_command_of_the_page_stops_before_the_person_and_it_is_said_wh
     running.wait(lambda: len(newest) == 3)
     # without --duration: until the robot stands, however slow the machine is
     drive = ("pub", "cmd_vel", '{"linear":{"x":0.3}}', "--rate", "20")
-    driving = Command(*drive, *tools(running.scenario.bus))
+    driving = Command(*tools(running.scenario.bus), *drive)
 
     def stopped():
         state, robot = newest[keys.GUARD_STATE.key], newest[keys.GROUND_TRUTH.key]

@@ -24,7 +24,7 @@ from harness import (
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.loading import effective, load_scenario
-from mecazen_tools.cli import app, main
+from mecazen_tools.cli import main, simulate
 from mecazen_tools.processes import private_router
 
 
@@ -122,7 +122,7 @@ def test_ctrl_c_keeps_a_run_and_no_file_is_overwritten(here, monkeypatch, tmp_pa
     def interrupt(done):
         raise KeyboardInterrupt  # at the first progress, after 100 ticks
 
-    monkeypatch.setattr(app, "_progress", lambda *_: nullcontext(interrupt))
+    monkeypatch.setattr(simulate, "_progress", lambda *_: nullcontext(interrupt))
     csv, png = tmp_path / "run.csv", tmp_path / "run.png"
     run = ("simulate", "back", "--trajectory", csv, "--plot", png)
     done = here(*run)
@@ -166,9 +166,9 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
             assert time.monotonic() < end, services
             for _ in range(10):  # of which the follower's commands may take the place
                 hand.put_bytes("cmd_vel", b'{"linear":{},"angluar":{}}')
-            status = msgspec.json.decode(mecazen("status", "--json", *up.tools).stdout)
+            status = msgspec.json.decode(mecazen(*up.tools, "status", "--json").stdout)
             services, warnings = status["services"], status["warnings"]
-    shown = mecazen("status", *up.tools).stdout  # once, since it is no terminal
+    shown = mecazen(*up.tools, "status").stdout  # once, since it is no terminal
     assert all(f"│ {name}" in shown for name in services)
     ignored = "angluar is ignored; did you mean angular? allowed: linear, angular"
     for told in (
@@ -178,10 +178,10 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
         assert told in up.text or up.read_until(told)
     assert warnings == [f"cmd_vel: {ignored}"]
     assert list(services)[:4] == ["physics", "controller", "target", "follower"]
-    odom = msgspec.json.decode(mecazen("echo", "odom", "--count", 1, *up.tools).stdout)
+    odom = msgspec.json.decode(mecazen(*up.tools, "echo", "odom", "--count", 1).stdout)
     assert odom["header"]["frame_id"] == "odom"
-    live = mecazen("topics", "--live", *up.tools).stdout
-    assert "nav_msgs/msg/Odometry" in live
+    live = mecazen(*up.tools, "topics", "--live").stdout
+    assert "nav_msgs/Odometry" in live
     assert "depth picture [mm]" in live
     code, out, err = up.end()
     assert (code, err) == (0, "")
@@ -209,12 +209,12 @@ def test_two_runs_share_a_router_if_each_has_a_namespace():
     second.read_until("following")
     assert "│ physics" in second.text
     assert "│ router" not in second.text
-    shown = f"mecazen echo odom --connect {first.tools[1]} --namespace second"
+    shown = f"mecazen --connect {first.tools[1]} --namespace second echo odom"
     assert shown in second.text
     odom = mecazen(*shown.split()[1:], "--count", 1).stdout
     assert msgspec.json.decode(odom)["pose"]["pose"]["position"]["y"] > 0.5  # beside the person
     assert second.end()[0] == 0
-    odom = mecazen("echo", "odom", "--count", 1, *first.tools).stdout
+    odom = mecazen(*first.tools, "echo", "odom", "--count", 1).stdout
     assert abs(msgspec.json.decode(odom)["pose"]["pose"]["position"]["y"]) < 0.5  # behind them
     assert first.end()[0] == 0
 
@@ -231,6 +231,6 @@ def test_status_says_in_one_line_that_nobody_is_there():
     router = Command("run", "router", "back", *options(settings))
     router.await_start()
     endpoint = endpoint_of(settings)
-    done = mecazen("status", "--connect", endpoint)
+    done = mecazen("--connect", endpoint, "status")
     router.end(signal.SIGTERM)
     assert_one_line(done, 1, "no service is alive", endpoint)

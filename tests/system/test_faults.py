@@ -139,7 +139,7 @@ def test_up_restarts_what_is_killed_alone_or_two_at_once():
             *strikes(up, 5, seed=3),
         ):
             assert struck.in_time, struck
-        status = mecazen("status", "--json", *tools(up.scenario.bus))
+        status = mecazen(*tools(up.scenario.bus), "status", "--json")
         services = msgspec.json.decode(status.stdout)["services"]
         assert {name: service["state"] for name, service in services.items()} == {
             **dict.fromkeys(SERVICES, "ready"),

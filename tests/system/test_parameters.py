@@ -135,7 +135,7 @@ def test_the_command_line_shows_and_changes_parameters(stack):
     to = tools(running.scenario.bus)
 
     def ask(*arguments):
-        return CliRunner().invoke(app, ["param", *arguments, *to])
+        return CliRunner().invoke(app, [*to, "param", *arguments])
 
     def param(*arguments):
         done = ask(*arguments)

@@ -46,12 +46,12 @@ def assert_shown(output, lines):
         assert any(pattern(line).search(one) for one in left), f"{line!r} is not in {output}"
 
 
-def run(commands, folder, *more):
+def run(commands, folder, *options):
     """Run commands to their ends; return what they print."""
     printed = ""
     for words in commands:
         assert words[0] == "mecazen"
-        done = mecazen(*words[1:], *more, folder=folder)
+        done = mecazen(*options, *words[1:], folder=folder)
         assert (done.returncode, done.stderr) == (0, ""), words
         printed += done.stdout
     return printed

@@ -12,7 +12,7 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, ResetRequest
 from mecazen.robots import join_key
-from mecazen_tools.cli.status import _Listener
+from mecazen_tools.cli.status import Diagnostics
 from mecazen_tools.simulate import simulate, simulate_distributed
 
 CONVOY = SCENARIOS / "convoy.toml"
@@ -79,10 +79,10 @@ def test_in_real_time_each_robot_follows_its_own_person(stack):
     assert running.bus.call(keys.SIM_RESET, ResetRequest(seed=9)).seed == 9
     running.wait(lambda: all(of.stamp.seed == 9 for of in (*robots.values(), *persons.values())))
     with closing(ZenohBus(running.scenario.bus, "client")) as tool:
-        listener = _Listener(tool)
-        listener.status()
-        wait(tool, lambda: {"two/follower", "physics"} <= listener.diagnostics.reports.keys())
-        status = listener.status()
+        diagnostics = Diagnostics(tool)
+        diagnostics.status()
+        wait(tool, lambda: {"two/follower", "physics"} <= diagnostics.reports.keys())
+        status = diagnostics.status()
     assert {"physics", "one/follower", "two/follower"} <= status.services.keys()
     assert {of.state for name, of in status.services.items() if name != "test"} >= {"ready"}
     assert "two/joint_command" in status.services["physics"].inputs
@@ -94,12 +94,12 @@ def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack):
     running.start()
     running.wait(lambda: all(of.message for of in odom.values()))
     drive = '{"linear":{"x":0.3}}'
-    done = mecazen("pub", join_key("cmd_vel", "one"), drive, *tools(running.scenario.bus))
+    done = mecazen(*tools(running.scenario.bus), "pub", join_key("cmd_vel", "one"), drive)
     assert done.returncode == 0, done.stderr
     running.wait(lambda: odom["one"].pose.x > -0.95)
     assert odom["two"].pose.x == pytest.approx(-1.0, abs=1e-3)
     assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
-    live = mecazen("topics", "--live", *tools(running.scenario.bus)).stdout
+    live = mecazen(*tools(running.scenario.bus), "topics", "--live").stdout
     # the row of odom has the rate of each robot, in lines of its own
     row = live[live.index("│ odom") :][: 2 * len(live.splitlines()[0]) + 2]
     assert re.search(r"│ one [1-9]\d* *│.*│ two [1-9]\d* *│", row, re.DOTALL)

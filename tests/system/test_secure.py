@@ -384,9 +384,9 @@ def test_an_operators_tools_work_and_others_are_not_answered(stack, folder):
         ask(viewer, "sim/resume")
         settle(viewer)
     assert running.bus.call(keys.SIM_STATE, Empty()).paused
-    done = mecazen("sim", "resume", *tools(running.scenario.bus), "--tls", folder)
+    done = mecazen(*tools(running.scenario.bus), "--tls", folder, "sim", "resume")
     assert json.loads(done.stdout)["paused"] is False, done.stderr
-    done = mecazen("sim", "pause", *tools(running.scenario.bus))
+    done = mecazen(*tools(running.scenario.bus), "sim", "pause")
     assert_one_line(done, 1, f"nothing answers at {running.endpoint}")
 
 
@@ -396,13 +396,12 @@ def test_a_process_without_its_certificate_says_so_in_one_line(folder):
     assert str(caught.value).startswith(f"{folder / 'pilot.crt'}: can't be read; ")
 
 
-@pytest.mark.parametrize("command", [("echo", "odom", "--tls"), ("up", "back", "--set")])
+@pytest.mark.parametrize("command", ["--tls={} echo odom", "up back --set=bus.keys={}"])
 def test_expired_certificates_are_one_line(tmp_path, monkeypatch, command):
     monkeypatch.setattr(certificates, "VALID_DAYS", -0.5)  # they begin a day ago
     folder = tmp_path / "keys"
     certificates.create(folder)
-    *words, option = command
-    done = mecazen(*words, option, folder if option == "--tls" else f"bus.keys={folder}")
+    done = mecazen(*command.format(folder).split())
     assert_one_line(done, 1, f"{folder}/ca.crt: expired on ", "`mecazen keys create` makes new")
 
 

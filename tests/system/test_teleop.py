@@ -84,7 +84,7 @@ class Robot:
         return lambda message, _: self.heard.append((key, message.to_planar()))
 
     def play(self, *arguments, answer=PLACE):
-        self.played.append(Played(answer, "teleop", *arguments, *tools(self.config)))
+        self.played.append(Played(answer, *tools(self.config), "teleop", *arguments))
         return self.played[-1]
 
     def wait(self, condition):
@@ -143,7 +143,7 @@ def test_a_key_drives_until_it_is_let_go_and_the_line_tells_what_happens(robot):
     assert "x +1.50 y -0.25 m   +0°  0.30 m/s  guard: slow" in hand.text
     assert "a wall\\u001b[2J is near" in hand.text
     robot.bus.publisher(keys.CMD_VEL).put(forward(0.1), None)
-    robot.wait(lambda: "somebody else drives on cmd_vel as well" in hand.text)
+    robot.wait(lambda: "another program drives on cmd_vel as well" in hand.text)
     robot.heard.clear()
     hand.type("q")
     robot.wait_for_end()

@@ -112,7 +112,7 @@ class Echo:
 
     def __init__(self, host: Host, key: str, tools: list[str]) -> None:
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-        self.process = host.run("mecazen_tools", "echo", key, *tools, **pipes)
+        self.process = host.run("mecazen_tools", *tools, "echo", key, **pipes)
         self.messages: list[Any] = []
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._read, daemon=True)

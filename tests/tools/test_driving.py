@@ -1,58 +1,52 @@
 """Keys and sticks to a velocity, worked out by hand."""
 
+import sys
+from types import SimpleNamespace
+
 import pytest
 from mecazen.geometry import Twist2D
-from mecazen_tools.driving import DIRECTIONS, HELP, Hand, stick_twist
+from mecazen_tools import driving
+from mecazen_tools.driving import DIRECTIONS, HELP, Hand, find_gamepad
 
 
-def hand(*, tells_release=False):
-    return Hand(0.5, 1.0, tells_release=tells_release)
+def hand(*, reports_release=False):
+    return Hand(0.5, 1.0, reports_release=reports_release)
 
 
 @pytest.mark.parametrize(
     ("key", "twist"),
     [
         ("w", (0.5, 0.0, 0.0)),
-        ("up", (0.5, 0.0, 0.0)),
-        ("s", (-0.5, 0.0, 0.0)),
+        ("down", (-0.5, 0.0, 0.0)),
         ("a", (0.0, 0.5, 0.0)),
-        ("d", (0.0, -0.5, 0.0)),
-        ("left", (0.0, 0.0, 1.0)),
         ("l", (0.0, 0.0, -1.0)),
         ("u", (0.5, 0.0, 1.0)),
-        ("o", (0.5, 0.0, -1.0)),
         ("x", (0.0, 0.0, 0.0)),
     ],
 )
-def test_a_key_moves_as_it_says(key, twist):
+def test_a_key_moves_in_its_direction(key, twist):
     keys = hand()
     keys.press(key, 10.0)
     assert keys.command(10.0) == twist
 
 
-def test_where_no_release_is_told_a_key_is_held_until_its_repeats_stop():
+def test_without_releases_a_key_is_held_until_its_repeats_stop():
     keys = hand()
     keys.press("w", 0.0)
     assert keys.command(0.69).x == 0.5  # the first repeat may take 0.7 s
     assert keys.command(0.70).x == 0.0
-    keys.press("w", 1.0)
-    for repeat_s in (1.5, 1.54, 1.58):
-        keys.press("w", repeat_s)
+    for time_s in (1.0, 1.5, 1.54, 1.58):
+        keys.press("w", time_s)
     assert keys.command(1.82).x == 0.5  # each next one 0.25 s
     assert keys.command(1.84).x == 0.0
     keys.press("w", 1.9)
     assert keys.command(2.5).x == 0.5  # a new press holds for the long time
+    keys.press("a", 2.5)  # the newest key replaces the one before
+    assert keys.command(2.5) == (0.0, 0.5, 0.0)
 
 
-def test_where_no_release_is_told_the_newest_key_takes_the_place_of_the_one_before():
-    keys = hand()
-    keys.press("w", 0.0)
-    keys.press("a", 0.1)
-    assert keys.command(0.1) == (0.0, 0.5, 0.0)
-
-
-def test_where_releases_are_told_keys_add_up_and_end_at_once():
-    keys = hand(tells_release=True)
+def test_with_releases_keys_add_up_and_end_at_once():
+    keys = hand(reports_release=True)
     keys.press("w", 0.0)
     keys.press("left", 0.5)
     assert keys.command(0.5) == (0.5, 0.0, 1.0)
@@ -64,48 +58,96 @@ def test_where_releases_are_told_keys_add_up_and_end_at_once():
     keys.release("nothing that is held")
 
 
-def test_where_releases_are_told_one_key_that_repeats_vouches_for_all_and_silence_for_none():
-    keys = hand(tells_release=True)
+def test_with_releases_a_repeat_holds_all_keys_and_silence_none():
+    keys = hand(reports_release=True)
     keys.press("w", 0.0)
     keys.press("a", 0.0)
     keys.press("a", 1.5, repeated=True)
-    assert keys.command(3.4).x > 0.0
+    # diagonal motion is no faster than straight motion
+    assert keys.command(3.4) == pytest.approx((0.5 / 2**0.5, 0.5 / 2**0.5, 0.0))
+    assert keys.command(3.4, Twist2D(x=1.0, y=1.0)) == keys.command(3.4)
     assert keys.command(3.5) == (0.0, 0.0, 0.0)  # 2 s later: the line may be cut
-    keys.press("w", 4.0, repeated=True)  # a late repeat of what has been stopped
+    keys.press("w", 4.0, repeated=True)  # a late repeat of a key that has been released
     assert keys.command(4.0) == (0.0, 0.0, 0.0)
 
 
-def test_at_a_slant_it_is_no_faster_than_straight_on():
-    keys = hand(tells_release=True)
-    keys.press("w", 0.0)
-    keys.press("a", 0.0)
-    assert keys.command(0.0) == pytest.approx((0.5 / 2**0.5, 0.5 / 2**0.5, 0.0))
-    assert keys.command(0.0, Twist2D(x=1.0, y=1.0)) == keys.command(0.0)
-
-
-def test_speed_keys_scale_all_speeds_within_limits_and_space_stops():
+def test_speed_keys_scale_within_limits_and_space_stops():
     keys = hand()
     for _ in range(3):
         keys.press("+", 0.0)
-    assert keys.percent == 130
     keys.press("u", 0.0)
     assert keys.command(0.0) == pytest.approx((0.65, 0.0, 1.3))
     keys.press("space", 0.1)
     assert keys.command(0.1) == (0.0, 0.0, 0.0)
-    for _ in range(50):
-        keys.press("-", 0.0)
-    assert keys.percent == 10
-    for _ in range(50):
-        keys.press("=", 0.0)
-    assert keys.percent == 300
+    for key, percent in (("-", 10), ("=", 300)):
+        for _ in range(50):
+            keys.press(key, 0.0)
+        assert keys.percent == percent
 
 
-def test_every_key_of_a_letter_is_in_the_line_of_help():
+def test_the_line_of_help_has_every_letter():
     assert {key for key in DIRECTIONS if len(key) == 1} <= set(HELP.split())
 
 
-def test_sticks_have_a_dead_zone_and_reach_all_the_way():
-    assert stick_twist(0.15, -0.15, 0.1) == (0.0, 0.0, 0.0)
-    assert stick_twist(0.0, -1.0, 0.0) == (1.0, 0.0, 0.0)  # away from the hand is ahead
-    assert stick_twist(-1.0, 0.0, 1.0) == (0.0, 1.0, -1.0)  # to the left, to the right
-    assert stick_twist(0.0, 0.575, 0.0).x == pytest.approx(-0.5)  # half of 0.15 … 1
+class Pad:
+    """A gamepad as pygame has it."""
+
+    name = "pad"
+    is_attached = True
+    axes = (0, 0, 0)
+
+    def get_axis(self, axis):
+        return self.axes[axis]
+
+    def attached(self):
+        return self.is_attached
+
+
+@pytest.fixture
+def plug(monkeypatch):
+    """Put a pygame in place that knows of some gamepads."""
+
+    def install(*pads):
+        controller = SimpleNamespace(
+            init=lambda: None,
+            get_count=lambda: len(pads),
+            is_controller=lambda number: isinstance(pads[number], Pad),
+            Controller=lambda number: pads[number],
+        )
+        pygame = SimpleNamespace(
+            display=SimpleNamespace(init=lambda: None),
+            event=SimpleNamespace(pump=lambda: None),
+            error=RuntimeError,
+            CONTROLLER_AXIS_LEFTX=0,
+            CONTROLLER_AXIS_LEFTY=1,
+            CONTROLLER_AXIS_RIGHTX=2,
+        )
+        monkeypatch.setitem(sys.modules, "pygame", pygame)
+        monkeypatch.setitem(sys.modules, "pygame._sdl2", SimpleNamespace(controller=controller))
+
+    for name in driving.SDL:
+        monkeypatch.setenv(name, "")
+    return install
+
+
+def test_the_first_gamepad_drives_until_it_is_unplugged(plug):
+    pad = Pad()
+    plug("a wheel", pad)
+    twist, about = find_gamepad()
+    assert about == "gamepad pad: the left stick moves, the right one turns"
+    pad.axes = (-32768, -32768, 32767)  # left, away from the hand; right
+    assert twist() == pytest.approx((1.0, 1.0, -1.0), abs=1e-4)  # 32767 of 32768
+    pad.axes = (4915, -4915, 3000)  # below the dead zone of 0.15
+    assert twist() == (0.0, 0.0, 0.0)
+    pad.axes = (0, 18842, 0)  # half of 0.15 … 1
+    assert twist().x == pytest.approx(-0.5, abs=1e-4)
+    pad.is_attached = False
+    assert twist() == (0.0, 0.0, 0.0)
+
+
+def test_a_missing_gamepad_or_library_is_one_line(plug, monkeypatch):
+    plug()
+    stick, about = find_gamepad()
+    assert (stick(), about) == (Twist2D(), "keyboard only: no gamepad is plugged in")
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    assert find_gamepad()[1] == "keyboard only: a gamepad needs pip install 'mecazen[gamepad]'"

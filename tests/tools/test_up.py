@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -9,8 +10,9 @@ from harness import SCENARIOS
 from mecazen import messages as m
 from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.wire import encode
-from mecazen_tools.cli import status, up
-from mecazen_tools.cli.up import Interrupts, Overview, _work, hints
+from mecazen_tools.cli import up
+from mecazen_tools.cli.status import Diagnostics
+from mecazen_tools.cli.up import hints, interrupt_on_signals, overview
 from mecazen_tools.forking import STOPPING
 
 
@@ -23,125 +25,89 @@ def handlers():
 
 
 @pytest.mark.parametrize(
-    ("settings", "options"),
+    ("setting", "options"),
     [
-        ((), ""),
-        (('bus.connect=["tcp/127.0.0.1:7447"]',), ""),
-        (('bus.connect=["tcp/127.0.0.1:7448"]',), " --connect tcp/127.0.0.1:7448"),
-        (("bus.namespace=lab/a",), " --namespace lab/a"),
-        (("bus.keys=/",), f" --tls {os.path.relpath('/')}"),
+        ('bus.connect=["tcp/127.0.0.1:7447"]', ""),
+        ('bus.connect=["tcp/127.0.0.1:7448"]', " --connect tcp/127.0.0.1:7448"),
+        ("bus.namespace=lab/a", " --namespace lab/a"),
+        ("bus.keys=/", f" --tls {os.path.relpath('/')}"),
     ],
 )
-def test_the_commands_that_are_shown_act_on_what_was_started(settings, options):
-    scenario = load_scenario(SCENARIOS / "teleop.toml", parse_settings(settings))
-    lines = [line.partition("   #")[0] for line in hints(scenario, "my folder/teleop.toml")]
-    tools = [line for line in lines if line.startswith("mecazen ") and " up " not in line]
-    assert len(tools) >= 5
-    assert all(options in line for line in tools)
-    assert "--connect" in options or not any("mecazen" in x and "--connect" in x for x in tools)
-    namespace = scenario.bus.namespace
-    puts = [line for line in lines if line.startswith("zenoh ")]
-    assert all(f" -k {namespace + '/' if namespace else ''}cmd_vel " in line for line in puts)
-    other = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
-    renamed = load_scenario(
-        SCENARIOS / "teleop.toml", parse_settings((*settings, "controller.command_key=drive"))
-    )
-    shown = " ".join(hints(renamed, "teleop"))
-    assert "pub drive" in shown
-    assert "cmd_vel" not in shown.replace("target/cmd_vel", "")
-    assert any(
-        "up 'my folder/back.toml' --set" in line for line in hints(other, "my folder/back.toml")
-    )
+def test_the_shown_commands_connect_to_the_scenario(setting, options):
+    lines = hints(load_scenario(SCENARIOS / "teleop.toml", parse_settings((setting,))))
+    tools = [line for line in lines if line.startswith("mecazen ")]
+    assert all(line.startswith(f"mecazen{options} ") for line in tools)
+    assert f"mecazen{options} echo odom" in tools
+    assert any(line.startswith(f"mecazen{options} teleop ") for line in tools)
 
 
 @pytest.mark.parametrize(
-    ("settings", "shares_router", "taken", "moved"),
+    ("settings", "taken", "moved"),
     [
-        (
-            (),
-            False,
-            {7447, 9090, 9876},
-            ["bus.connect=", "viewer.web_port=0", "viewer.data_port=0"],
-        ),
-        ((), False, {9876}, ["viewer.data_port=0"]),
-        (("bus.namespace=two",), True, {7447, 9090}, ["viewer.web_port=0"]),
+        ((), {7447, 9090, 9876}, ["bus.connect=", "viewer.web_port=0", "viewer.data_port=0"]),
+        ((), {9876}, ["viewer.data_port=0"]),
         # ports that a user chooses stay, and their conflict is an error
-        (
-            ('bus.connect=["tcp/127.0.0.1:7448"]', "viewer.web_port=9091"),
-            False,
-            {7448, 9091},
-            [],
-        ),
+        (('bus.connect=["tcp/127.0.0.1:7448"]', "viewer.web_port=9091"), {7448, 9091}, []),
     ],
 )
-def test_a_second_run_takes_free_ports(settings, shares_router, taken, moved, monkeypatch):
+def test_a_second_run_takes_free_ports(settings, taken, moved, monkeypatch):
     monkeypatch.setattr(up, "is_free", lambda port: port not in taken)
-    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
-    found = up._moved_ports(scenario, shares_router=shares_router)
-    assert [setting.partition('"')[0].rstrip("[") for setting in found] == moved
+    ports = up.moved_ports(
+        load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), shares_router=False
+    )
+    assert [setting.partition('"')[0].rstrip("[") for setting in ports] == moved
 
 
 @pytest.mark.parametrize("number", STOPPING)
-def test_a_signal_that_asks_to_end_interrupts(number):
-    interrupts = Interrupts()
-    interrupts.check()
+def test_a_signal_interrupts(number):
+    interrupted = interrupt_on_signals()
+    assert not interrupted.is_set()
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(number)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_an_interrupt_that_a_destructor_drops_is_not_lost():
+def test_an_interrupt_in_a_destructor_is_not_lost():
     class Dropping:
         def __del__(self):
             signal.raise_signal(signal.SIGINT)
 
-    interrupts = Interrupts()
+    interrupted = interrupt_on_signals()
     Dropping()
-    with pytest.raises(KeyboardInterrupt):
-        interrupts.check()
-
-
-def test_every_process_of_a_scenario_with_a_guard_is_described():
-    scenario = load_scenario(scenario_path("teleop"))
-    assert "guard" in scenario.services
-    assert all(_work(service, scenario) for service in scenario.services)
+    assert interrupted.is_set()
 
 
 @pytest.fixture
-def shown():
-    """The overview, and a function by which a service reports."""
+def report():
+    """Return a function by which a service reports; it returns the overview."""
     bus = SimpleNamespace(subscribe_bytes=lambda _, take: setattr(bus, "take", take))
-    overview = Overview(bus, load_scenario(scenario_path("back")))
+    diagnostics = Diagnostics(bus)
 
-    def report(service, **values):
+    def take(service="", **values):
         pairs = tuple(m.KeyValue(key=key, value=str(value)) for key, value in values.items())
         array = m.DiagnosticArray(status=(m.DiagnosticStatus(name=service, values=pairs),))
         bus.take(f"diagnostics/{service}", encode(array), "", None)
+        return overview(diagnostics, load_scenario(scenario_path("back")))[1]
 
-    return overview, report
+    return take
 
 
-def test_the_overview_says_that_a_walk_has_ended_and_no_factor_that_is_unknown(shown):
-    overview, report = shown
+def test_the_overview_shows_robot_person_and_pace(report):
     report("physics", mode="lockstep")
-    report("target", x_m=1.0, y_m=2.0)
-    assert overview.text == "[bold]t = 0.0 s[/]  person (+1.00, +2.00)"
-    report("target", x_m=1.0, y_m=2.0, walk_ended=True)
-    assert overview.text.endswith("person (+1.00, +2.00), the walk has ended")
-    report("physics", rtf=1.0, missed_deadlines=0)
-    assert overview.text.endswith("  ·  1.0 × real time, 0 missed")
+    assert report("target", x_m=1.0, y_m=2.0) == "[bold]t = 0.0 s[/]  person (+1.00, +2.00)"
+    text = report("target", x_m=1.0, y_m=2.0, walk_ended=True)
+    assert text.endswith("person (+1.00, +2.00), the walk has ended")
+    text = report("physics", x_m=0.5, y_m=-1.0, rtf=1.0, missed_deadlines=0)
+    assert "  robot (+0.50, -1.00)  ·  person" in text
+    assert text.endswith("  ·  1.0 × real time, 0 missed")
 
 
-def test_the_overview_shows_the_age_of_what_a_service_has_not_reported_anew(shown, monkeypatch):
-    overview, report = shown
-    now_s = 100.0
-    monkeypatch.setattr(status, "time", SimpleNamespace(monotonic=lambda: now_s))
-    report("follower", tracking="following", distance_error_m=0.01)
-    assert overview.text.endswith("following, +0.010 m off")
-    now_s = 103.0
-    assert overview.text.endswith("following, +0.010 m off (stale, 3.0 s old)")
-    report("physics", rtf=0.1)  # so services report every 10 s
-    assert "stale" not in overview.text
-    report("follower", tracking="following", distance_error_m=0.02)
+def test_the_overview_shows_the_age_of_a_stale_report(report, monkeypatch):
+    begin_s = time.monotonic()
+    text = report("follower", tracking="following", distance_error_m=0.01)
+    assert text.endswith("following, +0.010 m off")
+    monkeypatch.setattr(time, "monotonic", lambda: begin_s + 3.0)
+    assert "following, +0.010 m off (stale, 3.0 s old)" in report("target")
+    assert "stale" not in report("physics", rtf=0.1)  # so services report every 10 s
     report("physics", rtf=1.0)
-    assert "following, +0.020 m off  ·" in overview.text
+    assert "+0.020 m off  ·" in report("follower", tracking="following", distance_error_m=0.02)

@@ -22,7 +22,7 @@ from mecazen.graph import WORLDS
 from mecazen.keys import CLOCK, TOPICS
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S
-from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen_tools.cli.options import tool_bus
 from mecazen_tools.strays import OPEN, mistake
 from rich.console import Console
 from rich.table import Column, Table
@@ -42,6 +42,7 @@ RecordingFile = Annotated[
 
 
 def record(
+    context: typer.Context,
     keys: Annotated[
         list[str] | None,
         typer.Argument(
@@ -63,9 +64,6 @@ def record(
     rrd: Annotated[
         bool, typer.Option("--rrd", help="Write Rerun's format as well, at the end.")
     ] = False,
-    connect: Connect = None,
-    namespace: Namespace = None,
-    tls: Tls = None,
 ) -> None:
     """Record what is published, in MCAP, until Ctrl-C.
 
@@ -86,7 +84,7 @@ def record(
     for told in filter(None, map(mistake, keys or ())):
         typer.echo(f"warning: {told}", err=True)
     config = RecorderConfig(file=Output(output), keys=tuple(keys or ["**"]), encoding=encoding)
-    with tool_bus(connect, namespace, tls) as bus:
+    with tool_bus(context) as bus:
         count = record_until_stopped(bus, config)
         lost = bus.refused.total()
     if not count:
@@ -102,6 +100,7 @@ def _also_lost(count: int) -> str:
 
 
 def replay(
+    context: typer.Context,
     file: RecordingFile,
     speed: Annotated[
         float, typer.Option(min=0.01, max=1000, help="Simulated seconds per wall second.")
@@ -146,9 +145,6 @@ def replay(
             "open its files.",
         ),
     ] = False,
-    connect: Connect = None,
-    namespace: Namespace = None,
-    tls: Tls = None,
 ) -> None:
     """Publish a recording with its original stamps, or re-compute a service from it.
 
@@ -174,7 +170,7 @@ def replay(
     begin_ns = round(begin_s * NS_PER_S)
     end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
     descriptions = recording.descriptions()
-    with tool_bus(connect, namespace, tls) as bus:
+    with tool_bus(context) as bus:
         driving = {join_key(key, name) for name in ("", *descriptions) for key in OPEN}
         alive = bus.alive()
         sensed = SENSED.issuperset(keys or ["**"]) and "hardware" in alive

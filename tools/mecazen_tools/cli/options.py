@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import closing, contextmanager, suppress
 from typing import Annotated
 
-import msgspec
 import typer
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import BusConfig, Scenario
-from mecazen.config.bus import ROUTER, SECURE_ROUTER
-from mecazen.errors import ConfigError
+from mecazen.config import Scenario
 from mecazen.loading import (
     SCENARIO_VARIABLE,
     SETTINGS_VARIABLE,
@@ -20,7 +17,6 @@ from mecazen.loading import (
     parse_settings,
     scenario_path,
 )
-from mecazen.schema import Folder
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -45,26 +41,6 @@ Settings = Annotated[
         show_default=False,
     ),
 ]
-Connect = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ENDPOINT",
-        help="The Zenoh router to connect to.",
-        show_default=f"{ROUTER}, or {SECURE_ROUTER} with --tls",
-    ),
-]
-Tls = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="A folder of `mecazen keys create`: connect by TLS, as the operator.",
-        show_default=False,
-    ),
-]
-Namespace = Annotated[
-    str | None, typer.Option(help="The robot's Zenoh namespace.", show_default=False)
-]
-
 
 TABLE_WIDTH = 80
 """Least width of a terminal in which tables of many columns are readable [characters]."""
@@ -97,25 +73,17 @@ def load(scenario: str, settings: list[str] | None) -> Scenario:
 
 
 @contextmanager
-def tool_bus(
-    connect: str | None = None, namespace: str | None = None, tls: Path | None = None
-) -> Iterator[ZenohBus]:
-    """Open a bus as a client of a router; Ctrl-C ends the context quietly."""
-    try:
-        config = msgspec.convert(
-            {
-                "connect": None if connect is None else [connect],
-                "namespace": namespace,
-                "keys": None if tls is None else Folder(tls),
-            },
-            BusConfig,
-        )
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"--namespace {namespace}: {error}") from None
-    bus = ZenohBus(config, "client")
-    try:
+def tool_bus(context: typer.Context) -> Iterator[ZenohBus]:
+    """Open a bus as a client of the router that the options of `mecazen` name.
+
+    Ctrl-C ends the context quietly.
+    """
+    with closing(ZenohBus(context.obj, "client")) as bus, suppress(KeyboardInterrupt):
         yield bus
-    except KeyboardInterrupt:
-        pass
-    finally:
-        bus.close()
+
+
+def receive(bus: ZenohBus, duration_s: float) -> None:
+    """Deliver samples for a duration [s]."""
+    end_s = time.monotonic() + duration_s
+    while (left_s := end_s - time.monotonic()) > 0.0:
+        bus.spin_once(left_s)

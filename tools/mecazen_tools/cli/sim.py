@@ -1,95 +1,190 @@
-"""`mecazen sim`: simulated time at run time."""
+"""`mecazen sim` and `mecazen param`: queries to the clock of a running simulation."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 import typer
 from mecazen import keys
-from mecazen.errors import ConfigError
-from mecazen.keys import Call
-from mecazen.messages import Message, SimState
+from mecazen.errors import BusError, ConfigError
+from mecazen.explain import one_line
+from mecazen.keys import AnswerT, Call, RequestT
+from mecazen.messages import (
+    Empty,
+    Message,
+    Parameter,
+    ParameterNames,
+    Parameters,
+    ResetRequest,
+    SimState,
+    SpeedRequest,
+    StepRequest,
+)
+from mecazen.wire import NS_PER_S
+from rich.table import Table
+from rich.text import Text
 
-from mecazen_tools.cli.options import Connect, Namespace, Tls, tool_bus
+from mecazen_tools.cli.options import console, fitting, tool_bus
 
 STEP_TIMEOUT_S = 3600.0
 
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 """Makes -3 a number out of range, not an unknown option."""
 
+AsJson = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
+Names = Annotated[list[str], typer.Argument(metavar="NAME...", help="E.g. follower.standoff_m.")]
+
 app = typer.Typer(no_args_is_help=True, help="Pause, resume, step, reset or speed up a simulation.")
+param_app = typer.Typer(
+    no_args_is_help=True, help="Show and change settings while a simulation runs."
+)
 
 
-def _ask(
+def _show_state(
+    context: typer.Context,
     call: Call[Any, SimState],
-    connect: str | None,
-    namespace: str | None,
-    tls: Path | None,
+    request: Message,
     timeout_s: float = 10.0,
-    **fields: Any,
 ) -> None:
-    try:
-        request: Message = msgspec.convert(fields, call.request)
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"{call.key}: {error}") from None
-    with tool_bus(connect, namespace, tls) as bus:
-        state = bus.call(call, request, timeout_s)
-        typer.echo(msgspec.json.encode(state).decode())
+    with tool_bus(context) as bus:
+        typer.echo(msgspec.json.encode(bus.call(call, request, timeout_s)).decode())
 
 
 @app.command()
-def pause(connect: Connect = None, namespace: Namespace = None, tls: Tls = None) -> None:
+def pause(context: typer.Context) -> None:
     """Hold simulated time."""
-    _ask(keys.SIM_PAUSE, connect, namespace, tls)
+    _show_state(context, keys.SIM_PAUSE, Empty())
 
 
 @app.command()
-def resume(connect: Connect = None, namespace: Namespace = None, tls: Tls = None) -> None:
+def resume(context: typer.Context) -> None:
     """Let simulated time go on."""
-    _ask(keys.SIM_RESUME, connect, namespace, tls)
+    _show_state(context, keys.SIM_RESUME, Empty())
 
 
 @app.command(context_settings=NEGATIVE_NUMBERS)
 def step(
+    context: typer.Context,
     ticks: Annotated[int, typer.Argument(min=1, max=10**9, help="Ticks to simulate.")] = 1,
-    connect: Connect = None,
-    namespace: Namespace = None,
-    tls: Tls = None,
 ) -> None:
     """Simulate some ticks while paused, and wait for them."""
-    _ask(keys.SIM_STEP, connect, namespace, tls, STEP_TIMEOUT_S, ticks=ticks)
+    _show_state(context, keys.SIM_STEP, StepRequest(ticks=ticks), STEP_TIMEOUT_S)
 
 
 @app.command()
 def reset(
+    context: typer.Context,
     seed: Annotated[
         int | None,
         typer.Option(min=0, max=2**32 - 1, help="A new seed.", show_default="the old one"),
     ] = None,
-    connect: Connect = None,
-    namespace: Namespace = None,
-    tls: Tls = None,
 ) -> None:
     """Put robot, person and time back to the start, in place."""
-    _ask(keys.SIM_RESET, connect, namespace, tls, **({} if seed is None else {"seed": seed}))
+    _show_state(context, keys.SIM_RESET, ResetRequest(seed=seed))
 
 
 @app.command(context_settings=NEGATIVE_NUMBERS)
 def speed(
+    context: typer.Context,
     factor: Annotated[
         float, typer.Argument(min=0.01, max=1000.0, help="Simulated seconds per wall second.")
     ],
-    connect: Connect = None,
-    namespace: Namespace = None,
-    tls: Tls = None,
 ) -> None:
     """Run faster or slower than real time."""
-    _ask(keys.SIM_SPEED, connect, namespace, tls, speed=factor)
+    _show_state(context, keys.SIM_SPEED, SpeedRequest(speed=factor))
 
 
 @app.command()
-def state(connect: Connect = None, namespace: Namespace = None, tls: Tls = None) -> None:
+def state(context: typer.Context) -> None:
     """Print what simulated time does."""
-    _ask(keys.SIM_STATE, connect, namespace, tls)
+    _show_state(context, keys.SIM_STATE, Empty())
+
+
+def _ask(context: typer.Context, call: Call[RequestT, AnswerT], request: RequestT) -> AnswerT:
+    with tool_bus(context) as bus:
+        try:
+            return bus.call(call, request)
+        except BusError as error:
+            # the reason names its subject
+            raise ConfigError(one_line(str(error).removeprefix(f"{call.key}: "))) from None
+
+
+def _print_json(message: Message) -> None:
+    typer.echo(msgspec.json.format(msgspec.json.encode(message)).decode())
+
+
+@param_app.command(name="list")
+def list_(
+    context: typer.Context,
+    section: Annotated[
+        str, typer.Argument(metavar="[SECTION]", help="One section only, e.g. follower.")
+    ] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Show what can be changed: value, unit, and what is allowed.
+
+    Examples: mecazen param list · mecazen param list controller.limits.x
+    """
+    answer = _ask(context, keys.GET_PARAMETERS, ParameterNames())
+    begin = f"{section}." if section else ""
+    parameters = tuple(p for p in answer.parameters if f"{p.name}.".startswith(begin))
+    if not parameters:
+        raise ConfigError(f"nothing that can be changed begins with {section!r}")
+    if as_json:
+        _print_json(msgspec.structs.replace(answer, parameters=parameters))
+        return
+    table = Table("parameter", "value", "unit", "allowed")
+    for parameter in parameters:
+        value = parameter.value or "left out"
+        cells = parameter.name, value, parameter.unit, parameter.allowed
+        table.add_row(*(Text(one_line(cell)) for cell in cells))
+    terminal = console(160)
+    terminal.print(fitting(table, terminal.width))
+
+
+@param_app.command()
+def get(context: typer.Context, names: Names, as_json: AsJson = False) -> None:
+    """Print values, as --set takes them.
+
+    Example: mecazen param get follower.standoff_m
+    """
+    answer = _ask(context, keys.GET_PARAMETERS, ParameterNames(names=tuple(names)))
+    if as_json:
+        _print_json(answer)
+        return
+    for parameter in answer.parameters:
+        typer.echo(one_line(f"{parameter.name}={parameter.value}"))
+
+
+@param_app.command(name="set")
+def set_(
+    context: typer.Context,
+    settings: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME=VALUE...",
+            help="A parameter and its value as --set takes them; an empty value leaves it out. "
+            "Several are changed together, or none of them.",
+        ),
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Change settings from the next tick on, until the simulation ends; a reset keeps them.
+
+    Examples: mecazen param set follower.standoff_m=1.5 ·
+    mecazen param set follower.bearing_deg=120 follower.heading_deg=-60
+    """
+    changes = []
+    for setting in settings:
+        name, equals, value = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"{setting}: must be NAME=VALUE, such as follower.standoff_m=1.5")
+        changes.append(Parameter(name=name.strip(), value=value.strip()))
+    answer = _ask(context, keys.SET_PARAMETERS, Parameters(parameters=tuple(changes)))
+    if as_json:
+        _print_json(answer)
+        return
+    begin_s = answer.header.stamp.ns / NS_PER_S
+    for parameter in answer.parameters:
+        typer.echo(one_line(f"{parameter.name}={parameter.value} from t = {begin_s:g} s on"))

@@ -1,0 +1,209 @@
+"""`mecazen simulate` and `mecazen collect`: whole runs in lockstep, scored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from mecazen.config import Scenario
+from mecazen.errors import MecazenError
+from mecazen.files import to_value
+from mecazen.loading import scenario_path
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from mecazen_tools import INTERRUPTED, drawing, files
+from mecazen_tools import simulate as runs
+from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
+from mecazen_tools.simulate import InterruptedRun, Result
+from mecazen_tools.trajectory import Scores, Trajectory
+
+RECORDER = "recorder"
+
+TrajectoryFile = Annotated[
+    Path | None,
+    typer.Option("--trajectory", metavar="FILE.csv", help="Write every tick.", show_default=False),
+]
+PictureFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot", metavar="FILE", help="Draw the run: PNG, SVG or PDF.", show_default=False
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+def simulate(
+    scenario: ScenarioArgument,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=2**32 - 1, help="Seed of the noise.", show_default="the scenario's"
+        ),
+    ] = None,
+    duration_s: Annotated[
+        float | None,
+        typer.Option("--duration", min=0, help="Simulated seconds.", show_default="the scenario's"),
+    ] = None,
+    distributed: Annotated[
+        bool, typer.Option("--distributed", help="As processes over Zenoh; the result is the same.")
+    ] = False,
+    trajectory: TrajectoryFile = None,
+    plot: PictureFile = None,
+    record: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.mcap",
+            help="Record everything: the same as services with recorder, and recorder.file.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    settings: Settings = None,
+) -> None:
+    """Run a whole scenario as fast as it can, in lockstep, and score it.
+
+    The same scenario and seed give the same trajectory to the last bit, in this process or
+    with --distributed; its hash says so.
+
+    Examples: mecazen simulate back --seed 7 --json · mecazen simulate side --trajectory run.csv ·
+    mecazen simulate back --plot run.png
+    """
+    overrides = list(settings or ())
+    if seed is not None:
+        overrides.append(f"seed={seed}")
+    if duration_s is not None:
+        overrides.append(f"sim.duration_s={duration_s}")
+    path = scenario_path(scenario)
+    loaded = load(scenario, overrides)
+    if record is not None:
+        overrides.append(f"services={to_value([*loaded.services, RECORDER])}")
+        overrides.append(f"{RECORDER}.file={to_value(record)}")
+        loaded = load(scenario, overrides)
+    _refuse_unwritable(trajectory, plot)
+    if distributed:
+        work = partial(runs.simulate_distributed, path, tuple(overrides), path.stem)
+    else:
+        work = partial(runs.simulate, loaded, path.stem)
+    _run(f"simulating {path.stem}", work, loaded, trajectory, plot, as_json=as_json)
+
+
+def collect(
+    scenario: ScenarioArgument,
+    trajectory: TrajectoryFile = None,
+    plot: PictureFile = None,
+    as_json: AsJson = False,
+    settings: Settings = None,
+) -> None:
+    """Score a lockstep run of services that run elsewhere, as in containers.
+
+    The services and this need the same scenario and settings, among them sim.mode=lockstep and
+    a list of services with "collector" in it; they begin when it has joined. The result is that
+    of `mecazen simulate`.
+
+    Example: mecazen collect back --set sim.mode=lockstep
+    --set 'services=["physics","controller","target","follower","collector"]'
+    """
+    _refuse_unwritable(trajectory, plot)
+    name = scenario_path(scenario).stem
+    loaded = load(scenario, settings)
+    work = partial(runs.collect, loaded, name)
+    _run(f"collecting {name}", work, loaded, trajectory, plot, as_json=as_json)
+
+
+def _run(
+    description: str,
+    work: Callable[[Callable[[int], None]], tuple[Result, Trajectory]],
+    scenario: Scenario,
+    trajectory: Path | None,
+    plot: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Make a run with a progress bar, and report it, also what there is of it after Ctrl-C.
+
+    The scores come before the files, so that a full disk does not cost them.
+    """
+    is_whole = True
+    with _progress(description, scenario.sim.ticks) as progress:
+        try:
+            result, run = work(progress)
+        except InterruptedRun as interrupt:
+            result, run = interrupt.args
+            is_whole = False
+    notes = []
+    if as_json:
+        typer.echo(msgspec.json.format(msgspec.json.encode(result)).decode())
+    else:
+        _print_scores(result)
+    if trajectory is not None:
+        files.write(trajectory, run.csv(), "--trajectory")
+        notes.append(f"every tick: {trajectory}")
+    if plot is not None:
+        from mecazen_tools import run_figure  # noqa: PLC0415  # Matplotlib is an extra, and slow
+
+        title = f"{result.scenario}, seed {result.seed}"
+        figure = run_figure.draw(run_figure.courses(run, scenario), scenario, title)
+        drawing.save(figure, plot, "--plot")
+        notes.append(f"picture: {plot}")
+    if not as_json:
+        for note in notes:
+            typer.echo(note)
+    if not is_whole:
+        whole_s = scenario.sim.duration_s
+        typer.echo(f"interrupted after {result.duration_s:g} of {whole_s:g} s", err=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _refuse_unwritable(trajectory: Path | None, plot: Path | None) -> None:
+    """Check before the run that its files can be written."""
+    if trajectory is not None and not trajectory.absolute().parent.is_dir():
+        raise MecazenError(f"--trajectory {trajectory}: no such folder")
+    if trajectory is not None and trajectory.is_file():
+        raise MecazenError(f"--trajectory {trajectory}: exists already, and is not overwritten")
+    if plot is not None:
+        drawing.refuse_undrawable(plot, "--plot")
+
+
+@contextmanager
+def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar; yield a function that sets the number of finished ticks."""
+    terminal = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+        console=terminal,
+        transient=True,
+        disable=not terminal.is_terminal,  # else it ends with an empty line
+    ) as bar:
+        task = bar.add_task(description, total=ticks)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _print_scores(result: Result) -> None:
+    table = Table("simulated", "real-time factor", "distance error", "heading error")
+    table.add_row(f"{result.duration_s:g} s", f"{result.rtf:.1f}", *measures(result))
+    for name, scores in result.robots.items():
+        table.add_row(name, "", *measures(scores))
+    console(80).print(table)
+    typer.echo(
+        f"contacts: {result.contacts_persons} with followed persons, "
+        f"{result.contacts_obstacles} with obstacles"
+    )
+    typer.echo(f"trajectory: sha256 {result.trajectory_sha256}")
+
+
+def measures(scores: Result | Scores) -> tuple[str, str]:
+    """Return the errors of following as text; a run without a person has none."""
+    return (
+        "-" if scores.d_err_m is None else f"{scores.d_err_m:.4f} m",
+        "-" if scores.theta_err_deg is None else f"{scores.theta_err_deg:.2f}°",
+    )
