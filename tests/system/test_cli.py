@@ -160,7 +160,6 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
     end = time.monotonic() + COMMAND_GUARD_S
     bus = BusConfig(connect=(up.tools[1],), namespace=up.tools[3])
     with closing(ZenohBus(bus, "client")) as hand:
-        hand.put_bytes("cmd_vle", b"{}")
         # no service waits for the viewer, which takes longest to start
         while not warnings or any(service["state"] != "ready" for service in services.values()):
             assert time.monotonic() < end, services
@@ -171,11 +170,8 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
     shown = mecazen(*up.tools, "status").stdout  # once, since it is no terminal
     assert all(f"│ {name}" in shown for name in services)
     ignored = "angluar is ignored; did you mean angular? allowed: linear, angular"
-    for told in (
-        "warning: cmd_vle: no key of mecazen; did you mean cmd_vel?",
-        f"msg=ignored key=cmd_vel reason='{ignored}'",
-    ):
-        assert told in up.text or up.read_until(told)
+    line = f"msg=ignored key=cmd_vel reason='{ignored}'"
+    assert line in up.text or up.read_until(line)
     assert warnings == [f"cmd_vel: {ignored}"]
     assert list(services)[:4] == ["physics", "controller", "target", "follower"]
     odom = msgspec.json.decode(mecazen(*up.tools, "echo", "odom", "--count", 1).stdout)

@@ -1,15 +1,10 @@
-"""Samples on keys that no service takes, but that resemble the key of an open topic.
-
-A client that mistypes a key, as with `zenoh-cli`, gets no error: the sample has no recipient. A
-subscription to all keys would cost each publisher of the loop another recipient. So this module
-subscribes only to misspelt keys of `open` topics, on which no node publishes.
-"""
+"""Keys that carry no samples, or whose samples have no effect, as a user should be told."""
 
 from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from mecazen.bus.session import includes
@@ -28,15 +23,7 @@ from mecazen.keys import (
 )
 from mecazen.loading import renamed_in
 from mecazen.messages import Empty
-from mecazen.robots import join_key, split_key
 from mecazen.text import shortened
-
-BACKLOG_BYTES = 1 << 16
-"""Maximum size of waiting samples on each expression [bytes]."""
-KEYS = 20
-"""Maximum number of reported keys; any client can invent keys."""
-AFFIX = 3
-"""Number of first or last characters that identify a misspelt name."""
 
 OWN_WAY = "the person goes their own way: target.path = { kind = 'driven' } obeys"
 ANSWER_S = 1.0
@@ -44,53 +31,7 @@ ANSWER_S = 1.0
 OPEN = tuple(topic.key for topic in TOPICS if topic.open)
 
 
-def report_strays(
-    bus: ZenohBus, robots: Sequence[str], given: Collection[str], report: Callable[[str], None]
-) -> None:
-    """Receive samples on misspelt keys, and report each key once.
-
-    Args:
-        bus: The bus of all robots.
-        robots: Names of the robots.
-        given: The open keys that nodes of the scenario publish on.
-        report: Function for a line with the key and a similar known key.
-    """
-    reported: set[str] = set()
-
-    def take(key: str, *_: object) -> None:
-        if key in reported or key in bus.renamed.values() or len(reported) >= KEYS:
-            return
-        told = unknown_key(key, robots)
-        if told is not None:
-            reported.add(key)
-            report(told)
-
-    for robot in robots:
-        for key in OPEN:
-            for near in slips(key) if key in given else likes(key):
-                bus.subscribe_bytes(join_key(near, robot), take, BACKLOG_BYTES)
-
-
-def slips(key: str) -> Iterator[str]:
-    """Yield a key with one slip in its name: a character left out, doubled, or swapped."""
-    folder, slash, name = key.rpartition("/")
-    for at, one in enumerate(name):
-        begin, rest = folder + slash + name[:at], name[at + 1 :]
-        yield begin + rest
-        yield begin + one + one + rest
-        if rest:
-            yield begin + rest[0] + one + rest[1:]
-
-
-def likes(key: str) -> Iterator[str]:
-    """Yield expressions for keys with a part that begins or ends like a part of this key."""
-    parts = key.split("/")
-    for at, part in enumerate(parts):
-        for like in (f"{part[:AFFIX]}$*", f"$*{part[-AFFIX:]}"):
-            yield "/".join([*parts[:at], like, *parts[at + 1 :]])
-
-
-def unknown_key(key: str, robots: Sequence[str] = ("",)) -> str | None:
+def unknown_key(key: str) -> str | None:
     """Return a line with an unknown key and a similar known one.
 
     The result is None if a node takes or publishes the key, for a robot of any name. A user may
@@ -99,9 +40,8 @@ def unknown_key(key: str, robots: Sequence[str] = ("",)) -> str | None:
     known: tuple[Topic[Any] | Call[Any, Any], ...] = (*TOPICS, *CALLS)
     if resolve(key, known)[1] is not None:
         return None
-    robot, name = split_key(key, robots)
-    close = difflib.get_close_matches(name, [entry.key for entry in known], n=1)
-    meant = f"did you mean {join_key(close[0], robot)}?" if close else "`mecazen topics` shows all"
+    close = difflib.get_close_matches(key, [entry.key for entry in known], n=1)
+    meant = f"did you mean {close[0]}?" if close else "`mecazen topics` shows all"
     return f"{shortened(key)}: no key of mecazen; {meant}"
 
 

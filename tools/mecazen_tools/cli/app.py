@@ -98,15 +98,12 @@ def connect_to(
             show_default=f"{ROUTER}, or {SECURE_ROUTER} with --tls",
         ),
     ] = None,
-    namespace: Annotated[
-        str | None, typer.Option(help="The robot's Zenoh namespace.", show_default=False)
-    ] = None,
+    namespace: Annotated[str | None, typer.Option(help="The robot's Zenoh namespace.")] = None,
     tls: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
             help="A folder of `mecazen keys create`: connect by TLS, as the operator.",
-            show_default=False,
         ),
     ] = None,
     version: Annotated[
@@ -135,13 +132,10 @@ def run(
         typer.Argument(
             help="A service of the scenario (physics, controller, …), several joined by +, "
             "or router.",
-            show_default=False,
         ),
     ],
     scenario: ScenarioArgument,
-    robot: Annotated[
-        str, typer.Option(metavar="NAME", help="The robot, of several.", show_default=False)
-    ] = "",
+    robot: Annotated[str, typer.Option(metavar="NAME", help="The robot, of several.")] = "",
     settings: Settings = None,
 ) -> None:
     """Run one process in this terminal, until Ctrl-C.
@@ -173,7 +167,6 @@ def create(
         typer.Option(
             metavar="NAME_OR_IP",
             help="A host that services listen on, besides loopback. Repeatable.",
-            show_default=False,
         ),
     ] = None,
 ) -> None:

@@ -27,7 +27,6 @@ ScenarioArgument = Annotated[
         metavar="SCENARIO",
         envvar=SCENARIO_VARIABLE,
         help="A scenario's name in configs/scenarios (back, side, teleop, …) or a TOML file.",
-        show_default=False,
     ),
 ]
 Settings = Annotated[
@@ -38,7 +37,6 @@ Settings = Annotated[
         envvar=SETTINGS_VARIABLE,
         help="Override one setting, e.g. physics.dt_s=0.002; the value as in TOML, a bare word "
         "is a string. Repeatable.",
-        show_default=False,
     ),
 ]
 

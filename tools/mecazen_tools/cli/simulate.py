@@ -28,7 +28,7 @@ RECORDER = "recorder"
 
 TrajectoryFile = Annotated[
     Path | None,
-    typer.Option("--trajectory", metavar="FILE.csv", help="Write every tick.", show_default=False),
+    typer.Option("--trajectory", metavar="FILE.csv", help="Write every tick."),
 ]
 PictureFile = Annotated[
     Path | None,
@@ -61,7 +61,6 @@ def simulate(
         typer.Option(
             metavar="FILE.mcap",
             help="Record everything: the same as services with recorder, and recorder.file.",
-            show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,

@@ -25,7 +25,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from mecazen_tools.cli.options import console, fitting, receive, tool_bus
-from mecazen_tools.strays import report_strays, scenario_at
+from mecazen_tools.strays import scenario_at
 
 REFRESH_S = 0.5
 ANSWER_S = 0.5
@@ -79,8 +79,7 @@ class Status(msgspec.Struct, frozen=True):
     """None if no simulation runs."""
     services: dict[str, ServiceStatus]
     warnings: tuple[str, ...] = ()
-    """Warnings of services, and samples without effect: an unknown field, or a key that resembles
-    another one."""
+    """Warnings of services, and ignored fields of samples."""
 
 
 class Diagnostics:
@@ -100,8 +99,6 @@ class Diagnostics:
         self._arrived_s: dict[str, float] = {}
         self._parts: Sequence[str] = ()
         """The services of the scenario."""
-        self._strays: list[str] = []
-        """Warnings of samples on keys that no service takes."""
         for robot in dict.fromkeys(("", *robots)):
             self._subscribe(robot)
 
@@ -149,18 +146,15 @@ class Diagnostics:
         self.time_s = array.header.stamp.ns / NS_PER_S
 
     def _join(self, scenario: Mapping[str, Any]) -> None:
-        """Subscribe to the reports and the misspelt keys of a scenario, given as tables."""
-        services = scenario.get("services", ())
+        """Subscribe to the reports of a scenario, given as tables."""
         robots = [robot["name"] for robot in scenario.get("robots", ())] or [""]
         self._parts = [
             join_key(part, robot)
-            for part in services
+            for part in scenario.get("services", ())
             for robot in (("",) if part in SHARED else robots)
         ]
         for robot in filter(None, robots):
             self._subscribe(robot)
-        published = {keys.CMD_VEL.key} if "follower" in services else ()
-        report_strays(self._bus, robots, published, self._strays.append)
 
     def _service(self, name: str, alive: set[str], stale_s: float) -> ServiceStatus:
         report = self.reports.get(name, {})
@@ -192,7 +186,7 @@ class Diagnostics:
                 elif name.startswith(IGNORED):
                     ignored.append(f"{name.removeprefix(IGNORED)}: {text}")
         # several services receive one key
-        return tuple(dict.fromkeys((*warnings, *self._strays, *ignored)))[:WARNINGS]
+        return tuple(dict.fromkeys((*warnings, *ignored)))[:WARNINGS]
 
 
 def number(report: Report, name: str) -> float | None:

@@ -172,9 +172,7 @@ class Remote:
 def teleop(
     context: typer.Context,
     person: Annotated[bool, typer.Option("--person", help="Walk the person instead.")] = False,
-    robot: Annotated[
-        str, typer.Option(metavar="NAME", help="The robot, of several.", show_default=False)
-    ] = "",
+    robot: Annotated[str, typer.Option(metavar="NAME", help="The robot, of several.")] = "",
     speed: Annotated[
         float, typer.Option(metavar="M_S", min=0.01, max=10, help="Along the ground, at 100 %.")
     ] = 0.3,

@@ -27,7 +27,7 @@ from mecazen.extras import is_installed
 from mecazen.files import to_value
 from mecazen.graph import OBSERVERS, WORLDS
 from mecazen.loading import load_scenario, parse_settings, scenario_path
-from mecazen.programs import graph_of, refuse_missing
+from mecazen.programs import refuse_missing
 from mecazen.robots import join_key
 from mecazen.runtime.process import refuse_missing_ros
 from rich.console import Console
@@ -36,10 +36,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from mecazen_tools.cli.options import ScenarioArgument, Settings
-from mecazen_tools.cli.status import LATE_S, WARNING, Diagnostics, Report, number
+from mecazen_tools.cli.status import LATE_S, WARNING, Diagnostics, number
 from mecazen_tools.forking import STOPPING
 from mecazen_tools.processes import Supervisor
-from mecazen_tools.strays import report_strays
 
 REFRESH_S = 0.25
 QUIET_REPORT_S = 5.0
@@ -112,9 +111,6 @@ def up(
             supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client", renamed=loaded.renamed)) as bus:
             diagnostics = Diagnostics(bus, loaded.names)
-            graph = graph_of(loaded)
-            published = [topic.key for topic in keys.TOPICS if graph.giver(topic.key) is not None]
-            report_strays(bus, loaded.names, published, partial(_warn, console))
             for process, needed in plan:
                 supervisor.start(process, needed=needed)
             _introduce(console, loaded, supervisor.pids)
@@ -172,10 +168,6 @@ def interrupt_on_signals() -> threading.Event:
     return interrupted
 
 
-def _warn(console: Console, text: str) -> None:
-    console.print(f"warning: {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
-
-
 def _watch(
     console: Console,
     supervisor: Supervisor,
@@ -225,26 +217,21 @@ def overview(diagnostics: Diagnostics, scenario: Scenario) -> tuple[float, str]:
 
 def _overview_of(robot: str, diagnostics: Diagnostics, late_s: float) -> list[str]:
     """Return the state of a robot, its person and its follower."""
-
-    def report_of(service: str) -> tuple[Report, str]:
-        age_s = diagnostics.age_s(service)
-        age = f" (stale, {age_s:.1f} s old)" if age_s > late_s else ""
-        return diagnostics.reports.get(service, {}), age
-
+    x, y = (join_key(name, robot) for name in ("x_m", "y_m"))
     parts = []
-    physics, age = report_of("physics")
-    x, y = (number(physics, join_key(name, robot)) for name in ("x_m", "y_m"))
-    if x is not None and y is not None:
-        parts.append(f"{robot or 'robot'} ({x:+.2f}, {y:+.2f}){age}")
-    person, age = report_of(join_key("target", robot))
-    x, y = number(person, "x_m"), number(person, "y_m")
-    if x is not None and y is not None:
-        ended = ", the walk has ended" if "walk_ended" in person else ""
-        parts.append(f"person ({x:+.2f}, {y:+.2f}){ended}{age}")
-    follower, age = report_of(join_key("follower", robot))
-    error = number(follower, "distance_error_m")
-    if error is not None:
-        parts.append(f"{follower.get('tracking', '?')}, {error:+.3f} m off{age}")
+    for service, names, form in (
+        ("physics", (x, y), f"{robot or 'robot'} ({{:+.2f}}, {{:+.2f}})"),
+        (join_key("target", robot), ("x_m", "y_m"), "person ({:+.2f}, {:+.2f})"),
+        (join_key("follower", robot), ("distance_error_m",), "{tracking}, {:+.3f} m off"),
+    ):
+        report = diagnostics.reports.get(service, {})
+        values = [number(report, name) for name in names]
+        if None not in values:
+            text = form.format(*values, tracking=report.get("tracking", "?"))
+            ended = ", the walk has ended" if "walk_ended" in report else ""
+            age_s = diagnostics.age_s(service)
+            age = f" (stale, {age_s:.1f} s old)" if age_s > late_s else ""
+            parts.append(text + ended + age)
     return parts
 
 
