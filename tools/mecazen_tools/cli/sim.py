@@ -32,9 +32,6 @@ STEP_TIMEOUT_S = 3600.0
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 """Makes -3 a number out of range, not an unknown option."""
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
-Names = Annotated[list[str], typer.Argument(metavar="NAME...", help="E.g. follower.standoff_m.")]
-
 app = typer.Typer(no_args_is_help=True, help="Pause, resume, step, reset or speed up a simulation.")
 param_app = typer.Typer(
     no_args_is_help=True, help="Show and change settings while a simulation runs."
@@ -110,17 +107,13 @@ def _ask(context: typer.Context, call: Call[RequestT, AnswerT], request: Request
             raise ConfigError(one_line(str(error).removeprefix(f"{call.key}: "))) from None
 
 
-def _print_json(message: Message) -> None:
-    typer.echo(msgspec.json.format(msgspec.json.encode(message)).decode())
-
-
 @param_app.command(name="list")
 def list_(
     context: typer.Context,
     section: Annotated[
         str, typer.Argument(metavar="[SECTION]", help="One section only, e.g. follower.")
     ] = "",
-    as_json: AsJson = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
     """Show what can be changed: value, unit, and what is allowed.
 
@@ -132,7 +125,8 @@ def list_(
     if not parameters:
         raise ConfigError(f"nothing that can be changed begins with {section!r}")
     if as_json:
-        _print_json(msgspec.structs.replace(answer, parameters=parameters))
+        answer = msgspec.structs.replace(answer, parameters=parameters)
+        typer.echo(msgspec.json.format(msgspec.json.encode(answer)).decode())
         return
     table = Table("parameter", "value", "unit", "allowed")
     for parameter in parameters:
@@ -144,15 +138,17 @@ def list_(
 
 
 @param_app.command()
-def get(context: typer.Context, names: Names, as_json: AsJson = False) -> None:
+def get(
+    context: typer.Context,
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="E.g. follower.standoff_m.")
+    ],
+) -> None:
     """Print values, as --set takes them.
 
     Example: mecazen param get follower.standoff_m
     """
     answer = _ask(context, keys.GET_PARAMETERS, ParameterNames(names=tuple(names)))
-    if as_json:
-        _print_json(answer)
-        return
     for parameter in answer.parameters:
         typer.echo(one_line(f"{parameter.name}={parameter.value}"))
 
@@ -168,7 +164,6 @@ def set_(
             "Several are changed together, or none of them.",
         ),
     ],
-    as_json: AsJson = False,
 ) -> None:
     """Change settings from the next tick on, until the simulation ends; a reset keeps them.
 
@@ -182,9 +177,6 @@ def set_(
             raise ConfigError(f"{setting}: must be NAME=VALUE, such as follower.standoff_m=1.5")
         changes.append(Parameter(name=name.strip(), value=value.strip()))
     answer = _ask(context, keys.SET_PARAMETERS, Parameters(parameters=tuple(changes)))
-    if as_json:
-        _print_json(answer)
-        return
     begin_s = answer.header.stamp.ns / NS_PER_S
     for parameter in answer.parameters:
         typer.echo(one_line(f"{parameter.name}={parameter.value} from t = {begin_s:g} s on"))

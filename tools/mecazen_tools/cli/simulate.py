@@ -15,7 +15,7 @@ from mecazen.errors import MecazenError
 from mecazen.files import to_value
 from mecazen.loading import scenario_path
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 from rich.table import Table
 
 from mecazen_tools import INTERRUPTED, drawing, files
@@ -174,15 +174,8 @@ def _refuse_unwritable(trajectory: Path | None, plot: Path | None) -> None:
 def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
     """Show a progress bar; yield a function that sets the number of finished ticks."""
     terminal = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(),
-        console=terminal,
-        transient=True,
-        disable=not terminal.is_terminal,  # else it ends with an empty line
-    ) as bar:
+    # outside a terminal it would end with an empty line
+    with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as bar:
         task = bar.add_task(description, total=ticks)
         yield lambda done: bar.update(task, completed=done)
 

@@ -74,22 +74,27 @@ class Remote:
     """
 
     def __init__(self, bus: ZenohBus, role: Role, robot: str) -> None:
+        scenario = scenario_at(bus)
+        robots = [str(robot["name"]) for robot in scenario.get("robots", ())]
+        if scenario and robot not in (robots or [""]):
+            names = ", ".join(map(printable, robots)) or "one without a name"
+            raise ConfigError(f"--robot {robot or 'is needed'}: there is {names}")
+        bus.renamed = renamed_in(scenario)
         self._bus = bus
         self._role = role
         self._robot = robot
         self._sent: Twist | None = None
         self._newest: dict[Topic[Any], tuple[float, Any]] = {}
         """Arrival time [s] and content of the newest message."""
-        self._obstacle = ""
-        """Reason why the scenario does not obey."""
+        self._obeys = role is ROBOT or not goes_own_way(scenario, robot)
         self._service = join_key(role.service, robot)
-        self._subscribe()
         bus.presence.known = {self._service}
         bus.declare_alive(TELEOP, robot)
-        self._is_new = True
-        """Whether services have come or gone since the scenario was checked."""
-        bus.presence.on_change.append(self._on_change)
-        self.update()
+        topics: list[Topic[Any]] = [role.command, role.odometry]
+        if role is ROBOT:
+            topics.append(keys.GUARD_STATE)
+        for topic in topics:
+            bus.subscribe(of_robot(topic, robot), partial(self._take, topic))
 
     def send(self, twist: Twist2D, *, stops: bool = False) -> None:
         """Publish a motion, the first rest after it, and any command that `stops`."""
@@ -102,13 +107,6 @@ class Remote:
         """Stop the driven body if it has been driven."""
         if self._sent is not None:
             self.send(Twist2D(), stops=True)
-
-    def update(self) -> None:
-        """Process received samples, and check the scenario after a change of services."""
-        self._bus.drain()
-        if self._is_new:
-            self._is_new = False
-            self._check(scenario_at(self._bus))
 
     def text(self) -> str:
         """Return pose and speed of the driven body, and the state of the guard."""
@@ -126,24 +124,14 @@ class Remote:
         key = self._bus.key_of(of_robot(self._role.command, self._robot))
         if self._service not in self._bus.presence.names:
             return f"nobody listens to {key}: is `mecazen up teleop` running?"
-        if self._obstacle:
-            return self._obstacle
+        if not self._obeys:
+            return OWN_WAY
         if self._recent(self._role.command) is not None:
             return f"another program drives on {key} as well: `mecazen up teleop` has no follower"
         guard = self._recent(keys.GUARD_STATE)
         if guard is not None and guard.reason:
             return f"guard lets {guard.factor:.0%} through: {printable(guard.reason)}"
         return ""
-
-    def _on_change(self) -> None:
-        self._is_new = True
-
-    def _subscribe(self) -> None:
-        topics: list[Topic[Any]] = [self._role.command, self._role.odometry]
-        if self._role is ROBOT:
-            topics.append(keys.GUARD_STATE)
-        for topic in topics:
-            self._bus.subscribe(of_robot(topic, self._robot), partial(self._take, topic))
 
     def _take(self, topic: Topic[Any], message: object, _: object) -> None:
         if message is not self._sent:  # a command of this client returns as the same object
@@ -152,21 +140,6 @@ class Remote:
     def _recent(self, topic: Topic[Any]) -> Any:
         arrived_s, message = self._newest.get(topic, (-math.inf, None))
         return message if time.monotonic() - arrived_s < STALE_S else None
-
-    def _check(self, scenario: dict[str, Any]) -> None:
-        """Check that the robot exists in a scenario, given as tables, and obeys."""
-        self._obstacle = ""
-        if not scenario:
-            return
-        robots = [str(robot["name"]) for robot in scenario.get("robots", ())]
-        if self._robot not in (robots or [""]):
-            names = ", ".join(map(printable, robots)) or "one without a name"
-            raise ConfigError(f"--robot {self._robot or 'is needed'}: there is {names}")
-        if (renamed := renamed_in(scenario)) != self._bus.renamed:
-            self._bus.renamed = renamed
-            self._subscribe()
-        if self._role is PERSON and goes_own_way(scenario, self._robot):
-            self._obstacle = OWN_WAY
 
 
 def teleop(
@@ -195,7 +168,7 @@ def teleop(
             with _keyboard() as (read, reports_release):
                 typer.echo(f"{driving.HELP}\n{about}")
                 hand = Hand(speed, turn, reports_release=reports_release)
-                _drive(remote, hand, stick, read)
+                _drive(bus, remote, hand, stick, read)
         except (OSError, EOFError, termios.error):
             pass  # the terminal has gone
         finally:
@@ -203,6 +176,7 @@ def teleop(
 
 
 def _drive(
+    bus: ZenohBus,
     remote: Remote,
     hand: Hand,
     stick: Callable[[], Twist2D],
@@ -225,7 +199,7 @@ def _drive(
                 else:
                     hand.press(key, time.monotonic(), repeated=press.repeated)
                 stops |= key == driving.STOP
-            remote.update()
+            bus.drain()
             twist = hand.command(time.monotonic(), stick())
             remote.send(twist, stops=stops)
             x, y, yaw = twist
