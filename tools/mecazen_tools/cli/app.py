@@ -19,7 +19,6 @@ from mecazen.loading import to_toml
 from mecazen.runtime import __main__ as runtime
 from mecazen.schema import Folder
 
-from mecazen_tools import certificates
 from mecazen_tools.cli import graph, sim, simulate, status, talk, teleop, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
 
@@ -176,6 +175,11 @@ def create(
 
     Examples: mecazen keys create · mecazen keys create keys --host robot.local --host 192.168.1.7
     """
+    try:
+        from mecazen_tools import certificates  # noqa: PLC0415  # an extra
+    except ImportError:
+        install = "pip install 'mecazen[keys]'"
+        raise MecazenError(f"keys need the library cryptography: {install}") from None
     certificates.create(folder, host or ())
     typer.echo(f"{folder}: the authority and {len(certificates.NAMES)} certificates with keys")
 
