@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from statistics import median
 from typing import Any
 
@@ -16,7 +16,8 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import StepRequest
 from mecazen.programs import classes
 from mecazen_tools.processes import beside_that_core, on_one_core
-from mecazen_tools.simulate import InProcess, simulate
+from mecazen_tools.simulate import simulate
+from mecazen_tools.simulation import Simulation
 
 from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.stack import SCENARIOS, paused, running, spent_s
@@ -119,14 +120,8 @@ def _ways(blocks: int) -> Group:
 
 @contextmanager
 def _in_one_process(scenario: Scenario) -> Iterator[Way]:
-    with closing(InProcess(scenario)) as run:
-        run.begin()
-
-        def step(ticks: int) -> None:
-            for _ in range(ticks):
-                run.step()
-
-        yield step, time.thread_time
+    with Simulation(scenario) as sim:
+        yield lambda ticks: sim.run(ticks * scenario.sim.tick_s), time.thread_time
 
 
 @contextmanager

@@ -22,8 +22,7 @@ from mecazen_experiments.jobs import expand
 from mecazen_experiments.run import tabulate
 from mecazen_experiments.scores import deviations
 from mecazen_experiments.table import Table
-from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, PALETTE, STYLE, save
-from mecazen_tools.run_figure import draw_arrows
+from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, PALETTE, STYLE, draw_arrows, save
 
 ROOT = Path(__file__).parents[2]
 GREEN, GREY = PALETTE[2], "#9aa4ae"

@@ -30,7 +30,7 @@ FARTHEST_MM = 5000.0
 def sensors(file: Path) -> None:
     """Draw the data of lidar, body tracker and depth camera at one moment."""
     settings: dict[str, Any] = {"sensor.also": ["depth"]}
-    scenario, (moment,) = record("senses", [SENSES_S], **settings)
+    scenario, (moment,) = record("senses", [SENSES_S], settings)
     robot, camera = scenario.robot, scenario.robot.camera
     x, y, _ = moment.robot
     above = scene.from_above(x + 1.0, y, PANEL_PX, 3.4)
@@ -80,7 +80,7 @@ def _depth(image: m.Image) -> Image.Image:
 def planner(file: Path) -> None:
     """Draw the paths from which the planner chooses, among people."""
     settings: dict[str, Any] = {"follower.planner": {}, "programs.follower": planning.PROGRAM}
-    scenario, (moment,) = record("crowd", [PLANNED_S], **settings)
+    scenario, (moment,) = record("crowd", [PLANNED_S], settings)
     stage = scene.from_above(moment.robot.x + 0.6, moment.robot.y + 0.7, SIZE_PX, 5.6)
     scene.draw(stage, scenario, moment, moment.robot[:2])
     found = moment.latest[planning.WAYS.key]
@@ -100,7 +100,7 @@ def _way(stage: Stage, robot: Pose2D, way: Array, color: str, width_px: float) -
 
 def convoy(file: Path) -> None:
     """Draw two robots, each behind a person."""
-    with Simulation("convoy", **{"sensor.kind": "fused"}) as sim:
+    with Simulation("convoy", {"sensor.kind": "fused"}) as sim:
         sim.run(CONVOY_S)
         names = sim.scenario.names
         robot = sim.scenario.of(names[0]).robot

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -63,13 +63,13 @@ class Moment:
 def record(
     scenario: str | PathLike[str] | Scenario,
     times: Sequence[float],
-    **settings: Any,
+    settings: Mapping[str, Any] = {},
 ) -> tuple[Scenario, list[Moment]]:
     """Simulate a scenario; return the scenario and its moments at some times [s]."""
     poses: dict[int, Pose2D] = {}
     frames: dict[int, m.Skeletons] = {}
     found = []
-    with Simulation(scenario, **settings) as sim:
+    with Simulation(scenario, settings) as sim:
         tick_s = sim.scenario.sim.tick_s
         wanted = {round(time / tick_s) for time in times}
         for _ in sim.ticks(max(times) + LATE_S):

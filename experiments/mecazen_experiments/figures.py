@@ -17,8 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from mecazen.config import FollowerConfig
-from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, save
-from mecazen_tools.run_figure import draw_arrows
+from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, draw_arrows, save
 
 from mecazen_experiments.scores import deviations
 from mecazen_experiments.table import Table

@@ -9,7 +9,7 @@ from functools import partial
 
 from mecazen.runtime.host import Service
 from mecazen.runtime.schedule import Schedule
-from mecazen_tools.simulate import InProcess
+from mecazen_tools.simulation import Simulation
 
 BETWEEN_S = (0.5, 4.0)
 """Shortest and longest time from the end of a freeze to the next [s]."""
@@ -17,25 +17,25 @@ FROZEN_S = (0.05, 2.0)
 """Shortest and longest freeze [s]."""
 
 
-def freeze(run: InProcess, seed: int) -> None:
+def freeze(sim: Simulation, seed: int) -> None:
     """Freeze random services of a run, one at a time, except the service of the world.
 
     A frozen service takes no turn, and the run continues without it, as in real time.
     """
     chance = random.Random(seed)  # noqa: S311
-    clock = run.host.clock
+    clock = sim.host.clock
     assert clock is not None  # a clock drives the run
-    world = run.host.service_of(clock)
-    services = [service for service in run.host.services if service is not world]
-    sim, begin_s = run.scenario.sim, 0.0
-    while (begin_s := begin_s + chance.uniform(*BETWEEN_S)) < sim.duration_s:
+    world = sim.host.service_of(clock)
+    services = [service for service in sim.host.services if service is not world]
+    time, begin_s = sim.scenario.sim, 0.0
+    while (begin_s := begin_s + chance.uniform(*BETWEEN_S)) < time.duration_s:
         end_s = begin_s + chance.uniform(*FROZEN_S)
-        window = range(round(begin_s / sim.tick_s), round(end_s / sim.tick_s))
+        window = range(round(begin_s / time.tick_s), round(end_s / time.tick_s))
         _freeze(chance.choice(services), window)
         begin_s = end_s
-    run.host.revise = lambda: None  # type: ignore[method-assign]  # frozen services repeat no step
-    run.clock.lockstep = False
-    run.clock.schedule = Schedule(sim.tick_s, math.inf)  # each tick is due at once
+    sim.host.revise = lambda: None  # type: ignore[method-assign]  # frozen services repeat no step
+    sim.clock.lockstep = False
+    sim.clock.schedule = Schedule(time.tick_s, math.inf)  # each tick is due at once
 
 
 def _freeze(service: Service, window: range) -> None:

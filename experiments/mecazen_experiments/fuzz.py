@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -33,7 +32,7 @@ from mecazen.skeleton import INDEX, SIDES
 from mecazen.ticks import ROUNDING_S
 from mecazen.wheels import MecanumKinematics, Watchdog, WheelCommand, WheelSpeeds
 from mecazen.wire import encode
-from mecazen_tools.simulate import InProcess
+from mecazen_tools.simulation import Simulation
 
 from mecazen_experiments.config import Settings
 from mecazen_experiments.freezes import freeze
@@ -128,11 +127,11 @@ def _measure(job: Job, *, freezes: bool) -> tuple[Episode, str]:
     scenario = _scenario(job.key.seed, random, job.scenario, job.settings)
     rider = _Rider(random, scenario)
     topics = GROUND_TRUTH, TARGET_ODOM, TARGET_SKELETON, GUARD_STATE
-    with closing(InProcess(scenario)) as run:
+    with Simulation(scenario) as sim:
         if freezes:
-            freeze(run, job.key.seed)
-        samples = collect(run, *topics, drive=rider.drive)
-        sha256 = run.trajectory.sha256()
+            freeze(sim, job.key.seed)
+        samples = collect(sim, *topics, drive=rider.drive)
+        sha256 = sim.trajectory.sha256()
     truth, person, bodies, guarded = samples.values()
     gaps, ahead, walls = _gaps(scenario, truth, person, bodies)
     every = np.fmin(gaps, walls)

@@ -27,7 +27,7 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen.schema import Output
 from mecazen_people.paths import make_path
 from mecazen_tools import files
-from mecazen_tools.simulate import in_lockstep
+from mecazen_tools.simulation import in_lockstep
 
 from mecazen_experiments.config import Case, Experiment, Settings, Sweep
 

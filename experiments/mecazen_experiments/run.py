@@ -6,7 +6,6 @@ import gc
 import re
 import time
 from collections.abc import Callable, Mapping
-from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -17,7 +16,7 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import to_value
 from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
 from mecazen.loading import load_scenario, parse_settings
-from mecazen_tools.simulate import InProcess, result
+from mecazen_tools.simulation import Simulation
 
 from mecazen_experiments.jobs import Job, check_version
 from mecazen_experiments.report import Kind, Record
@@ -49,20 +48,22 @@ def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {
         topics: The topics.
         drive: Returns the payloads to publish in each tick except the last.
     """
-    with closing(InProcess(scenario)) as run:
-        samples = collect(run, *topics, drive=drive)
-        found = result(run.scenario, "", run.trajectory, 1.0)
-        return Observed(Table.of(run.trajectory), found.trajectory_sha256, samples)
+    with Simulation(scenario) as sim:
+        samples = collect(sim, *topics, drive=drive)
+        sim.trajectory.refuse_incomplete()
+        return Observed(Table.of(sim.trajectory), sim.trajectory.sha256(), samples)
 
 
-def collect(run: InProcess, *topics: Topic[Any], drive: Drive = lambda *_: {}) -> Samples:
+def collect(sim: Simulation, *topics: Topic[Any], drive: Drive = lambda *_: {}) -> Samples:
     """Simulate a whole run, driven as in `observe`; return all samples of some topics."""
     samples: dict[str, list[Any]] = {topic.key: [] for topic in topics}
     for topic in topics:
-        run.bus.subscribe(topic, partial(_keep, samples[topic.key]), every=True)
-    for tick, _ in enumerate(run.ticks(), start=1):
+        sim.bus.subscribe(topic, partial(_keep, samples[topic.key]))
+    sim.reset()  # with the samples of the first tick
+    for tick in range(1, sim.scenario.sim.ticks):
         for key, payload in drive(tick, samples).items():
-            run.bus.put_bytes(key, payload)
+            sim.bus.put_bytes(key, payload)
+        sim.step()
     return samples
 
 

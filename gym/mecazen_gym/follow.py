@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any, NamedTuple, NoReturn
 
@@ -20,7 +21,7 @@ from mecazen.messages import Observation as Frame
 from mecazen.messages import Odometry
 from mecazen.ticks import whole_ticks
 from mecazen.wire import NS_PER_S
-from mecazen_tools.simulation import Simulation, State, load, refuse_unknown_options
+from mecazen_tools.simulation import Simulation, State, load
 from msgspec.structs import replace
 
 Array = npt.NDArray[np.float32]
@@ -76,11 +77,11 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     Args:
         scenario: A name, a TOML file, or a loaded scenario; its follower does not run, and its
             section `follower` has the place to keep.
+        settings: Values that replace those of the scenario, by key: `{"follower.standoff_m": 1.5}`.
         period_s: Simulated time of a step; whole ticks.
         duration_s: Simulated time after which an episode is truncated; the scenario's if left out.
         far_m: Distance of the robot from its place beyond which an episode terminates [m].
         render_mode: Must be None.
-        settings: Overrides of the scenario, by key: `**{"follower.standoff_m": 1.5}`.
 
     Raises:
         ConfigError: A setting can't be used; the message names the allowed values.
@@ -95,21 +96,20 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     def __init__(
         self,
         scenario: str | PathLike[str] | Scenario = "back",
+        settings: Mapping[str, Any] = {},
         *,
         period_s: float = 0.1,
         duration_s: float | None = None,
         far_m: float = 3.0,
         render_mode: None = None,
-        **settings: Any,
     ) -> None:
         EzPickle.__init__(
-            self, scenario, period_s=period_s, duration_s=duration_s, far_m=far_m, **settings
+            self, scenario, settings, period_s=period_s, duration_s=duration_s, far_m=far_m
         )
         if render_mode is not None:
             raise ConfigError(f"render_mode = {render_mode!r}: {NO_PICTURES}")
-        refuse_unknown_options(settings, FollowEnv)
         if duration_s is not None:
-            settings["sim.duration_s"] = duration_s
+            settings = {**settings, "sim.duration_s": duration_s}
         self.scenario = _without_follower(load(scenario, settings))
         self.follower = self.scenario.follower
         if whole_ticks("period_s", period_s, self.scenario.sim.tick_s) < 1:

@@ -1,7 +1,5 @@
 """Services that freeze at random moments within a simulated run."""
 
-from contextlib import closing
-
 import pytest
 from harness import ROBOTS
 from mecazen import keys
@@ -9,7 +7,7 @@ from mecazen.config import Scenario
 from mecazen.loading import load_scenario
 from mecazen_experiments import freezes, fuzz
 from mecazen_experiments.run import collect
-from mecazen_tools.simulate import InProcess
+from mecazen_tools.simulation import Simulation
 
 
 @pytest.fixture
@@ -52,9 +50,9 @@ def test_a_robot_that_obeys_silent_services_for_longer_than_predicted_touches_so
 
 def test_a_frozen_service_gives_nothing_and_then_goes_on(frozen):
     scenario = load_scenario(ROBOTS.parent / "scenarios" / "back.toml", {"sim.duration_s": 20.0})
-    with closing(InProcess(scenario)) as run:
-        freezes.freeze(run, 1)
-        (commands,) = collect(run, keys.JOINT_COMMAND).values()
+    with Simulation(scenario) as sim:
+        freezes.freeze(sim, 1)
+        (commands,) = collect(sim, keys.JOINT_COMMAND).values()
     given = {round(command.header.stamp.ns / 1e7) for command in commands}
     missing = set(range(scenario.sim.ticks)) - given
     windows = [window for name, window in frozen if name == "controller"]

@@ -190,7 +190,7 @@ def real():
     settings = ("sim.duration_s=8",)
     scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
     _, trajectory = simulate(scenario, "back")
-    return Table.of(trajectory), trajectory.scores(scenario.follower.standoff)
+    return Table.of(trajectory), trajectory.scores()
 
 
 def test_the_published_measures_of_a_real_run_are_those_of_the_simulator(real):

@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from harness import load_robot
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen import geometry, keys
 from mecazen.bus import LocalBus
+from mecazen.config import Scenario, SimConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import FollowerState, Time, Twist, planar_odometry
 from mecazen.wire import Stamp
@@ -21,7 +23,8 @@ TICKS = 3
 def trajectory(ticks=TICKS, services=("physics", "controller", "target", "follower")):
     """A run in which the follower knows the person in tick 1 alone."""
     bus = LocalBus()
-    trajectory = Trajectory(bus, TICK_NS, ticks, services)
+    sim = SimConfig(tick_s=TICK_NS / 1e9, duration_s=ticks * TICK_NS / 1e9)
+    trajectory = Trajectory(bus, Scenario(load_robot(), services, sim=sim))
 
     def put(topic, tick, message):
         bus.publisher(topic).put(message, Stamp(tick * TICK_NS, 1, 0))

@@ -27,8 +27,10 @@ STILL = np.zeros(3, np.float32)
 def make():
     made = []
 
-    def make(**options):
-        made.append(gymnasium.make(NAME, **({"duration_s": 1.0} | options)))
+    def make(settings=(), **options):
+        made.append(
+            gymnasium.make(NAME, settings=dict(settings), **({"duration_s": 1.0} | options))
+        )
         return made[-1]
 
     yield make
@@ -77,7 +79,7 @@ def test_the_same_seed_and_actions_give_the_same_bits_also_in_other_processes(ma
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])  # noqa: S301 - our own
 def test_a_copy_is_a_new_environment_with_the_same_options(make, copied):
-    env = make(scenario="side", period_s=0.05, **{"follower.standoff_m": 1.5})
+    env = make({"follower.standoff_m": 1.5}, scenario="side", period_s=0.05)
     expected = episode(env, seed=8)
     copy_of_it = copied(env)
     try:
@@ -109,7 +111,7 @@ def test_without_a_seed_each_episode_has_other_noise_and_all_follow_from_the_fir
 
 
 def test_the_first_observation_is_the_person_seen_from_the_robot_at_rest(make):
-    env = make(scenario="side", **NOISELESS)
+    env = make(NOISELESS, scenario="side")
     observation, info = env.reset(seed=0)
     seen = Observation(*observation.tolist())
     # 1 m to the left of the person and facing them: the person is ahead, and looks to the left
@@ -120,7 +122,7 @@ def test_the_first_observation_is_the_person_seen_from_the_robot_at_rest(make):
 
 
 def test_an_observation_is_what_was_seen_last_and_the_odometry_and_not_the_truth(make):
-    env = make(**NOISELESS)
+    env = make(NOISELESS)
     env.reset(seed=0)
     action = np.array([0.1, 0.0, 0.05], np.float32)
     observation, *_, info = env.step(action)
@@ -137,7 +139,7 @@ def test_an_observation_is_what_was_seen_last_and_the_odometry_and_not_the_truth
 
 
 def test_whom_the_sensor_does_not_see_grows_old(make):
-    env = make(**{"sensor.occlusions_s": [[0.0, 0.01], [0.1, 9.0]]})
+    env = make({"sensor.occlusions_s": [[0.0, 0.01], [0.1, 9.0]]})
     observation, _ = env.reset(seed=0)
     seen = Observation(*observation.tolist())
     assert (seen.person, seen.age_s) == (pytest.approx(Pose2D(1.0, 0.0, 0.0)), 10.0)  # never yet
@@ -162,7 +164,7 @@ def test_an_action_is_a_twist_within_the_robots_limits_for_a_period(make):
 
 
 def test_the_reward_is_minus_the_errors_over_time_and_the_change_of_the_action(make):
-    env = make(**{"start.yaw_deg": 30.0, "start.x_m": -1.5})
+    env = make({"start.yaw_deg": 30.0, "start.x_m": -1.5})
     env.reset(seed=0)
     action = np.array([0.03, 0.0, 0.04], np.float32)
     _, reward, terminated, _, info = env.step(action)
@@ -177,7 +179,7 @@ def test_the_reward_is_minus_the_errors_over_time_and_the_change_of_the_action(m
 
 @pytest.mark.parametrize(
     ("options", "speed"),
-    [({"far_m": 0.05}, -1.0), ({"start.x_m": -0.5}, 1.0)],
+    [({"far_m": 0.05}, -1.0), ({"settings": {"start.x_m": -0.5}}, 1.0)],
     ids=["far from the place", "touching the person"],
 )
 def test_an_episode_terminates_and_costs_as_much_as_being_far_for_the_rest(make, options, speed):
@@ -207,7 +209,7 @@ def test_an_episode_is_truncated_where_the_scenario_ends(make):
 
 
 def test_the_place_is_that_of_the_scenarios_follower_also_of_a_loaded_scenario(make):
-    with Simulation("back", **{"follower.standoff_m": 1.5}) as sim:
+    with Simulation("back", {"follower.standoff_m": 1.5}) as sim:
         scenario = sim.scenario
     _, info = make(scenario=scenario).reset()
     assert info["place_error_m"] == pytest.approx(0.5)
@@ -218,12 +220,11 @@ def test_the_place_is_that_of_the_scenarios_follower_also_of_a_loaded_scenario(m
     [
         ({"scenario": "senses"}, "sensor.kind = 'fused' must be 'pose'"),
         ({"scenario": "convoy"}, "drives one"),
-        ({"services": ["physics", "controller"]}, "needs target"),
+        ({"settings": {"services": ["physics", "controller"]}}, "needs target"),
         ({"period_s": 0.015}, "period_s: 0.015 s is not a whole number of ticks"),
         ({"period_s": 0.0}, "at least a tick"),
         ({"far_m": -1.0}, "far_m = -1 must be above 0"),
-        ({"follower.standof_m": 1.0}, "did you mean standoff_m"),
-        ({"period": 0.1}, "period: no option of FollowEnv; did you mean period_s"),
+        ({"settings": {"follower.standof_m": 1.0}}, "did you mean standoff_m"),
     ],
 )
 def test_what_can_not_be_used_is_said_in_one_line(options, said):

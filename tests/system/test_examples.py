@@ -10,7 +10,8 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.processes import ProcessError
-from mecazen_tools.simulate import InProcess, simulate, simulate_distributed
+from mecazen_tools.simulate import simulate, simulate_distributed
+from mecazen_tools.simulation import Simulation
 
 EXAMPLES = ROOT / "examples"
 RANGE = EXAMPLES / "range_sensor.toml"
@@ -48,18 +49,16 @@ def test_the_follower_keeps_its_distance():
 
 
 def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance():
-    settings = (*SHORT, "range.std_m=0.0", "range.rate_hz=50.0")
-    run = InProcess(load_scenario(RANGE, parse_settings(settings)))
+    settings = {"sim.duration_s": 2.0, "range.std_m": 0.0, "range.rate_hz": 50.0}
     measured = []
-    (topic,) = next(turn for turn in run.host.turns if turn.name == "range").outputs
-    run.bus.subscribe(topic, lambda m, _: measured.append((m.header.stamp.ns / 1e9, m.range)))
-    run.begin()
-    for _ in range(199):
-        run.step()
-    run.close()
+    with Simulation(RANGE, settings) as sim:
+        (topic,) = (topic for topic in sim.host.graph.topics if topic.key == "range")
+        sim.bus.subscribe(topic, lambda m, _: measured.append((m.header.stamp.ns / 1e9, m.range)))
+        sim.reset()  # with the samples of the first tick
+        sim.run()
+        rows = {row[0]: row for row in sim.trajectory.rows()}
+        x, tx = (sim.trajectory.columns.index(f"{name}_x_m") for name in ("robot", "target"))
     assert [time_s for time_s, _ in measured] == pytest.approx([0.02 * n for n in range(100)])
-    rows = {row[0]: row for row in run.trajectory.rows()}
-    x, tx = (run.trajectory.columns.index(f"{who}_x_m") for who in ("robot", "target"))
     time_s, distance = measured[-1]
     row = rows[time_s]
     # both go along x: y differs by less than the rounding of a centimetre

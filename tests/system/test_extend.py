@@ -6,12 +6,11 @@ import shlex
 import pytest
 from harness import ROOT, load_robot, mecazen
 from mecazen.config import HardwareConfig
-from mecazen.keys import ODOM
 from mecazen.loading import load_scenario
 from mecazen.programs import imported
 from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import Identity
-from mecazen_tools.simulate import InProcess
+from mecazen_tools.simulation import Simulation
 
 TEXT = (ROOT / "docs" / "extend.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)
@@ -53,14 +52,12 @@ def test_a_board_of_the_page_takes_speeds_and_reports_them(folder):
 
 def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(folder):
     assert any("mecazen up my_hardware.toml" in line for line in COMMANDS)
-    run = InProcess(load_scenario(folder / "my_hardware.toml"))
     moved = []
-    run.bus.subscribe(ODOM, lambda odom, _: moved.append(odom.pose.pose.position.x))
-    run.begin()
-    for tick in range(300):
-        if tick < 100:
-            run.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
-        run.step()
+    with Simulation(load_scenario(folder / "my_hardware.toml")) as sim:
+        for tick, _ in enumerate(sim.ticks(3.0)):
+            moved.append(sim.latest("odom").pose.pose.position.x)
+            if tick < 100:
+                sim.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
     # 0.2 m/s for 1 s, and on until the command is stale, less what starting takes
     assert 0.2 < moved[-1] < 0.35
     assert moved[-1] == moved[-50]

@@ -38,7 +38,7 @@ def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
     settings = ("sim.duration_s=10.0", "seed=11")
     running = stack(BACK, *settings, "sim.mode=lockstep", *(access_control if secured else ()))
     sim, config = running.scenario.sim, running.scenario.bus
-    trajectory = Trajectory(running.bus, sim.tick_ns, sim.ticks, running.scenario.services)
+    trajectory = Trajectory(running.bus, running.scenario)
     running.start()
     running.watch(trajectory)
     payloads, early = PAYLOADS * scale, None

@@ -18,16 +18,10 @@ RUN = ("sim.duration_s=10.0", "seed=3", "sim.mode=lockstep")
 FREEZE_S = 0.5
 
 
-def trajectory_of(running):
-    sim = running.scenario.sim
-    parts = [part for part in running.scenario.services if part != "recorder"]
-    return Trajectory(running.bus, sim.tick_ns, sim.ticks, parts)
-
-
 @pytest.mark.parametrize("mode", ["peer", "client"])
 def test_an_observer_that_takes_5_ms_a_sample_delays_no_tick(stack, mode):
     running = stack(BACK, *RUN)
-    trajectory = trajectory_of(running)
+    trajectory = Trajectory(running.bus, running.scenario)
     with slow_observer(running.scenario.bus, mode) as heard:
         running.start()
         running.watch(trajectory)
@@ -46,7 +40,7 @@ def with_frozen_recorder(stack, file, *settings):
     """
     services = 'services=["physics","controller","target","follower","recorder"]'
     running = stack(BACK, *RUN, services, f'recorder.file="{file}"', *settings)
-    trajectory = trajectory_of(running)
+    trajectory = Trajectory(running.bus, running.scenario)
     running.start()
     run = running.watch(trajectory)
     running.wait(lambda: trajectory.done > 100)

@@ -17,7 +17,8 @@ from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.cli.app import app
-from mecazen_tools.simulate import InProcess, collect
+from mecazen_tools.simulate import collect
+from mecazen_tools.simulation import Simulation
 from typer.testing import CliRunner
 
 SHORT = "sim.duration_s=1.0"
@@ -41,12 +42,12 @@ def set_all(bus, settings):
 
 def run_with(loaded, *changes):
     """Make a run in this process, with what is set at some ticks; return its hash."""
-    with closing(InProcess(loaded)) as run:
-        for tick, _ in enumerate(run.ticks()):
-            for at, settings in changes:
-                if tick == at:
-                    set_all(run.bus, settings)
-        return run.trajectory.sha256()
+    with Simulation(loaded) as sim:
+        for tick, settings in changes:
+            sim.run(tick * loaded.sim.tick_s - sim.time_s)
+            set_all(sim.bus, settings)
+        sim.run()
+        return sim.trajectory.sha256()
 
 
 def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tick_it_says(stack):
@@ -76,31 +77,15 @@ def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tic
 
 
 def test_a_reset_keeps_what_was_set_and_makes_the_run_of_such_a_scenario():
-    with closing(InProcess(scenario("back"))) as run:
-        for tick, _ in enumerate(run.ticks()):
-            if tick == 20:
-                set_all(run.bus, FARTHER)
-            if tick == 60:
-                run.bus._servers["sim/reset"](m.ResetRequest(), _Nobody())
-                run.step()
-                break
-        poses = _poses(run)
-    with closing(InProcess(changed(scenario("back"), FARTHER))) as run:
-        run.begin()
-        assert _poses(run) == poses
-
-
-class _Nobody:
-    def answer(self, message):
-        pass
-
-
-def _poses(run, ticks=100):
-    heard = []
-    run.bus.subscribe(keys.GROUND_TRUTH, lambda message, _: heard.append(message))
-    for _ in range(ticks):
-        run.step()
-    return heard[-90:]
+    with Simulation(scenario("back")) as sim:
+        sim.run(0.2)
+        set_all(sim.bus, FARTHER)
+        sim.run(0.4)
+        sim.reset()
+        sim.run()
+    with Simulation(changed(scenario("back"), FARTHER)) as fresh:
+        fresh.run()
+    assert sim.trajectory.sha256() == fresh.trajectory.sha256()
 
 
 @pytest.mark.parametrize(

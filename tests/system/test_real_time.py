@@ -23,7 +23,7 @@ def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack
     settings = ("sim.duration_s=0.6", "target.path.start_after_s=0.2", "sim.speed=0.04")
     running = stack(SCENARIOS / "back.toml", *settings)
     sim = running.scenario.sim
-    trajectory = Trajectory(running.bus, sim.tick_ns, sim.ticks, running.scenario.services)
+    trajectory = Trajectory(running.bus, running.scenario)
     running.start()
     running.watch(trajectory)
     running.wait(lambda: trajectory.complete)

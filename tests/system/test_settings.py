@@ -6,7 +6,6 @@ import copy
 import hashlib
 import math
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,7 @@ from mecazen.loading import effective, from_tables
 from mecazen.programs import graph_of
 from mecazen.schema import Section
 from mecazen.urdf import ask_description
-from mecazen_tools.simulate import InProcess
-from mecazen_tools.simulation import load
+from mecazen_tools.simulation import Simulation, load
 from msgspec import inspect as types
 
 ABSENT = {
@@ -160,7 +158,7 @@ def shown(scenario: Scenario) -> str:
     It begins with a single sample of each command that no node of the scenario gives.
     """
     digest = hashlib.sha256()
-    with closing(InProcess(scenario)) as run:
+    with Simulation(scenario) as sim:
         graph = graph_of(scenario)
         topics = [topic for topic in graph.topics if "*" not in topic.key]
         topics += [keys.diagnostics(part) for part in scenario.services]
@@ -168,21 +166,20 @@ def shown(scenario: Scenario) -> str:
         for robot in scenario.names:
             for topic in topics:
 
-                def take(message: Any, stamp: Any, key: str = run.bus.key_of(topic)) -> None:
+                def take(message: Any, stamp: Any, key: str = sim.bus.key_of(topic)) -> None:
                     digest.update(key.encode() + msgspec.json.encode(message))
                     stamps.append(stamp)
 
-                run.bus.subscribe(keys.of_robot(topic, robot), take)
-        run.begin()
+                sim.bus.subscribe(keys.of_robot(topic, robot), take)
+        sim.reset()  # with the samples of the first tick
         twist = m.Twist.planar(Twist2D(1.0, 0.5, 0.5))
         wheels = m.JointState(name=scenario.robot.wheels.joints, velocity=(5.0,) * 4)
         commands = {keys.CMD_VEL: twist, keys.TARGET_CMD_VEL: twist, keys.JOINT_COMMAND: wheels}
         for topic, command in commands.items():
             if graph.giver(topic.key) is None and not scenario.robots:
-                run.bus.publisher(topic).put(command, stamps[-1])
-        for _ in range(1, scenario.sim.ticks):
-            run.step()
-        digest.update(ask_description(run.bus, scenario.names[0], 1.0).urdf.encode())
+                sim.bus.publisher(topic).put(command, stamps[-1])
+        sim.run()
+        digest.update(ask_description(sim.bus, scenario.names[0], 1.0).urdf.encode())
     return digest.hexdigest()
 
 

@@ -18,7 +18,7 @@ from mecazen_recorder.recompute import recompute
 from mecazen_tools import simulation
 from mecazen_tools.simulate import simulate
 
-SHORT = {"seed": 5, "duration_s": 1.0, "follower.standoff_m": 1.5}
+SHORT = {"seed": 5, "sim.duration_s": 1.0, "follower.standoff_m": 1.5}
 
 
 def test_a_name_a_file_and_an_object_give_the_same_bits_as_the_command_line():
@@ -26,7 +26,7 @@ def test_a_name_a_file_and_an_object_give_the_same_bits_as_the_command_line():
     settings = ("seed=5", "sim.duration_s=1.0", "follower.standoff_m=1.5")
     expected, _ = simulate(load_scenario(file, parse_settings(settings)), "side")
     for scenario in ("side", file, load_scenario(file)):
-        with Simulation(scenario, **SHORT) as sim:
+        with Simulation(scenario, SHORT) as sim:
             for _ in range(50):
                 sim.step()
             sim.run()
@@ -40,7 +40,7 @@ def test_parameters_that_are_set_count_from_the_next_tick_on_and_stay_after_a_re
     for settings in ({}, {"follower.standoff_m": np.float32(1.5)}):
         with Simulation("side", duration_s=1.0) as sim:
             sim.run(0.49)
-            sim.set_parameters(**settings)
+            sim.set_parameters(settings)
             sim.run()
             paths.append(sim.trajectory.to_numpy()["robot_x_m"])
             sim.reset(seed=9)
@@ -69,7 +69,7 @@ def test_the_state_is_that_of_the_tick_and_the_tables_hold_every_tick():
 
 def test_a_robot_that_is_commanded_goes_on_until_told_otherwise_and_is_computed_anew(tmp_path):
     file = tmp_path / "run.mcap"
-    with Simulation("teleop", duration_s=3.0, record=file, **{"guard.enabled": False}) as sim:
+    with Simulation("teleop", {"guard.enabled": False}, duration_s=3.0, record=file) as sim:
         sim.command(0.2)
         sim.run(2.0)
         moved = sim.state.robot.x - sim.scenario.start.x_m
@@ -97,7 +97,7 @@ def test_after_a_reset_a_run_has_the_bits_of_a_new_simulation(scenario):
 
 
 def test_after_a_step_all_that_was_published_in_its_tick_is_known():
-    with Simulation("back", services=["physics", "controller", "target"]) as sim:
+    with Simulation("back", {"services": ["physics", "controller", "target"]}) as sim:
         for _ in range(8):
             sim.step()
         # frames at 25 Hz: one at 0.08 s, that no tick waits for
@@ -105,7 +105,7 @@ def test_after_a_step_all_that_was_published_in_its_tick_is_known():
 
 
 def test_after_a_reset_nothing_is_commanded():
-    with Simulation("teleop", duration_s=0.3, **{"guard.enabled": False}) as sim:
+    with Simulation("teleop", {"guard.enabled": False}, duration_s=0.3) as sim:
         sim.command(0.2)
         sim.run()
         assert sim.reset().command is None
@@ -123,6 +123,18 @@ def test_several_robots_are_told_apart():
         assert not math.isnan(sim.scores(second).d_err_m or 0.0)
 
 
+def test_a_failing_start_closes_the_recording(tmp_path):
+    (tmp_path / "failing.py").write_text(
+        "from mecazen_follower.node import FollowerNode\n"
+        "class Failing(FollowerNode):\n"
+        "    def step(self, tick, inputs): return {}[tick]\n"
+    )
+    settings = {"programs.follower": f"{tmp_path}/failing.py:Failing"}
+    with pytest.raises(NodeError, match="follower: KeyError"):
+        Simulation("back", settings, record=tmp_path / "run.mcap")
+    assert not Recording(tmp_path / "run.mcap").is_cut_off
+
+
 RENAMED = {"controller.command_key": "base/cmd", "controller.odometry_key": "base/odom"}
 
 
@@ -130,7 +142,7 @@ def test_renamed_keys_are_those_of_all_nodes_and_change_no_trajectory(tmp_path):
     file = tmp_path / "run.mcap"
     with Simulation("back", duration_s=0.3) as plain:
         plain.run()
-    with Simulation("back", duration_s=0.3, record=file, **RENAMED) as sim:
+    with Simulation("back", RENAMED, duration_s=0.3, record=file) as sim:
         state = sim.run()
         assert sim.trajectory.sha256() == plain.trajectory.sha256()
         assert (state.command, state.odom) == (plain.state.command, plain.state.odom)
@@ -148,7 +160,7 @@ def test_each_robot_has_its_renamed_keys_and_source_of_odometry():
     two = {"name": "two", "start": {"x_m": -1.0, "y_m": -1.5}, "target": {"path": {"y_m": -1.5}}}
     two["controller"] = {"odometry_key": "o", "odometry": "ground_truth"}
     robots = [{"name": "one", "start": {"x_m": -1.0}}, two]
-    with Simulation("convoy", duration_s=0.3, robots=robots) as sim:
+    with Simulation("convoy", {"robots": robots}, duration_s=0.3) as sim:
         sim.run()
         assert {"one/odom", "two/o"} < sim._latest.keys()
         true, measured = sim.latest("two/ground_truth/odom"), sim.latest("two/o")
@@ -157,7 +169,7 @@ def test_each_robot_has_its_renamed_keys_and_source_of_odometry():
 
 
 def test_a_command_goes_to_the_renamed_key_and_the_guard_obeys_it():
-    with Simulation("teleop", duration_s=1.0, **RENAMED) as sim:
+    with Simulation("teleop", RENAMED, duration_s=1.0) as sim:
         sim.command(wz=0.5)
         assert sim.run().robot_twist.yaw == pytest.approx(0.5, abs=0.05)  # as without new names
 
@@ -173,7 +185,7 @@ def test_a_command_goes_to_the_renamed_key_and_the_guard_obeys_it():
 )
 def test_a_renamed_key_that_is_taken_is_refused(settings, key):
     with pytest.raises(ConfigError, match=f"controller.{key}: .* is the key of another topic"):
-        Simulation("teleop", **settings)
+        Simulation("teleop", settings)
 
 
 JOINTS = ["fl", "fr", "rl", "rr"]
@@ -182,21 +194,19 @@ JOINTS = ["fl", "fr", "rl", "rr"]
 def test_the_wheels_joints_have_the_robots_names_everywhere():
     with Simulation("back", duration_s=0.3) as plain:
         plain.run()
-    with Simulation("back", duration_s=0.3, **{"robot.wheels.joints": JOINTS}) as sim:
+    with Simulation("back", {"robot.wheels.joints": JOINTS}, duration_s=0.3) as sim:
         sim.run()
         assert sim.trajectory.sha256() == plain.trajectory.sha256()
         assert list(sim.latest("joint_states").name[:4]) == JOINTS
         assert list(sim.latest("joint_command").name) == JOINTS
-        urdf = read(ask_description(sim._run.bus, "", 1.0).urdf)
+        urdf = read(ask_description(sim.bus, "", 1.0).urdf)
         assert set(JOINTS) < {joint.name for joint in urdf.joints}
 
 
 def test_another_base_frame_is_the_root_of_the_same_tree():
-    with Simulation(
-        "back", duration_s=0.1, **{"controller.base_frame_id": "base_footprint"}
-    ) as sim:
-        odometry = sim.run() and sim.latest("odom")
-        joints = read(ask_description(sim._run.bus, "", 1.0).urdf).joints
+    with Simulation("back", {"controller.base_frame_id": "base_footprint"}) as sim:
+        odometry = sim.latest("odom")
+        joints = read(ask_description(sim.bus, "", 1.0).urdf).joints
         assert odometry.child_frame_id == "base_footprint"
         parents = {joint.child: joint.parent for joint in joints}
         parents[odometry.child_frame_id] = odometry.header.frame_id
@@ -205,13 +215,13 @@ def test_another_base_frame_is_the_root_of_the_same_tree():
     with pytest.raises(
         ConfigError, match=r"controller\.base_frame_id: camera_link is another link"
     ):
-        Simulation("back", duration_s=0.1, **{"controller.base_frame_id": "camera_link"})
+        Simulation("back", {"controller.base_frame_id": "camera_link"})
 
 
 @pytest.mark.parametrize(("share", "warnings"), [(1.05, 0), (3.3, 1)])
 def test_a_length_that_is_not_the_robots_is_a_warning(share, warnings, caplog):
     half_m = load_scenario(SCENARIOS / "back.toml").robot.half_track
-    Simulation("back", duration_s=0.1, **{"controller.half_track_m": half_m * share}).close()
+    Simulation("back", {"controller.half_track_m": half_m * share}).close()
     told = f"controller.half_track_m = {half_m * share:g}, and the robot file has {half_m:g} m"
     assert [told in record.message for record in caplog.records] == [True] * warnings
 
@@ -219,14 +229,14 @@ def test_a_length_that_is_not_the_robots_is_a_warning(share, warnings, caplog):
 def test_a_walker_may_run_as_fast_as_a_message_can_tell():
     # 13 m/s, the most, with the largest ripple of a gait: 19.5 m/s
     path = {"kind": "straight", "speed_m_s": 13.0, "y_m": 5.0}
-    with Simulation("crowd", duration_s=0.2, **{"crowd.walkers": [{"path": path}]}) as sim:
+    with Simulation("crowd", {"crowd.walkers": [{"path": path}]}, duration_s=0.2) as sim:
         sim.run()
     assert math.ceil(FASTEST_M_S * 1.5) <= FASTEST_PERSON
     spinning = {"kind": "circle", "speed_m_s": 1.0, "radius_m": 0.04, "y_m": 5.0}  # at 25 rad/s
     said = "crowd gives people whose angular velocity 25.* is out of range, at most 20 rad/s"
     with (
         pytest.raises(NodeError, match=said),
-        Simulation("crowd", duration_s=0.2, **{"crowd.walkers": [{"path": spinning}]}) as sim,
+        Simulation("crowd", {"crowd.walkers": [{"path": spinning}]}, duration_s=0.2) as sim,
     ):
         sim.run()
 
@@ -251,8 +261,8 @@ WALK = {"kind": "straight", "speed_m_s": 0.8, "y_m": 0.3, "yaw_deg": 0.0}
     ("settings", "reason"),
     [
         # the face at 2.3 m is reached at 0.2 m/s, 1 s after the start; checked each 2 cm
-        ({"duration_s": 13.0}, "target.path: crosses the box at [2.5, 0] after 12.6 s; "),
-        ({"duration_s": 12.0}, ""),  # the run ends before
+        ({"sim.duration_s": 13.0}, "target.path: crosses the box at [2.5, 0] after 12.6 s; "),
+        ({"sim.duration_s": 12.0}, ""),  # the run ends before
         ({"world.obstacles": [{**BOX, "bottom_m": 1.8}]}, ""),  # above the head
         (
             {"world.obstacles": [{"kind": "cylinder", "size_m": [0.2, 1.0], "position_m": [3, 0]}]},
@@ -267,11 +277,11 @@ WALK = {"kind": "straight", "speed_m_s": 0.8, "y_m": 0.3, "yaw_deg": 0.0}
     ids=["box", "later", "above", "cylinder", "walker", "beside"],
 )
 def test_a_path_through_an_obstacle_is_refused(settings, reason):
-    settings = {"duration_s": 20.0, "world.obstacles": [BOX], **settings}
+    settings = {"sim.duration_s": 20.0, "world.obstacles": [BOX], **settings}
     if not reason:
-        Simulation("back", **settings).close()
+        Simulation("back", settings).close()
         return
-    said = error_of(ConfigError, lambda: Simulation("back", **settings))
+    said = error_of(ConfigError, lambda: Simulation("back", settings))
     assert said.startswith(reason)
 
 
@@ -292,7 +302,7 @@ def test_contacts_of_the_robot_are_counted(place, speeds, contacts):
         "start.x_m": 0.0,
         "guard.enabled": False,
     }
-    with Simulation("teleop", duration_s=10.0, **settings) as sim:
+    with Simulation("teleop", settings, duration_s=10.0) as sim:
         for speed in speeds:
             sim.command(vx=speed)
             sim.run(2.5)

@@ -1,34 +1,87 @@
-"""Figures as files."""
+"""Figures and other files that commands write."""
 
+import math
+import os
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
-from harness import error_of
+from harness import SCENARIOS, error_of
 from matplotlib.figure import Figure
 from mecazen.errors import MecazenError
+from mecazen.loading import load_scenario
 from mecazen_tools import drawing
 from mecazen_tools.cli import app
+from mecazen_tools.files import write, write_with
+from mecazen_tools.run_figure import Course, draw
 
 
-def test_a_picture_has_the_format_of_its_suffix_and_the_same_bytes_each_time(tmp_path):
-    drawn = Figure()
-    drawn.subplots().plot([0.0, 1.0], [1.0, 0.0], label="a line")
+def test_the_figure_of_a_run_shows_goal_errors_and_velocities():
+    t = np.array([0.0, 1.0])
+
+    def rows(*columns):
+        return np.column_stack(np.broadcast_arrays(t, *columns))
+
+    # a person walks along y; the goal is 1 m to their left, facing them; the robot is 0.25 m too
+    # far from it and turned 10° too far to the left
+    person = rows(2.0, t, math.pi / 2, 0.0, 0.0, 0.0)
+    robot = rows(0.75, t, math.radians(10.0), 0.5, 0.25, 0.125)
+    course = Course("", robot, person, rows(0.4, 0.2, 0.1))
+    figure = draw([course], load_scenario(SCENARIOS / "side.toml"), "by hand")
+    above, distance, heading, *velocities = figure.axes
+    lines = {line.get_label(): np.asarray(line.get_xydata()) for line in above.lines}
+    assert lines["robot"] == pytest.approx(robot[:, 1:3])
+    assert lines["person"] == pytest.approx(person[:, 1:3])
+    assert lines["wanted"] == pytest.approx(np.column_stack([[1.0, 1.0], t]))
+    assert distance.lines[0].get_ydata() == pytest.approx([0.25, 0.25])
+    assert heading.lines[0].get_ydata() == pytest.approx([10.0, 10.0])
+    for axes, *speeds in zip(velocities, (0.5, 0.25, 0.125), (0.4, 0.2, 0.1), strict=True):
+        assert [line.get_ydata()[0] for line in axes.lines] == speeds
+
+
+def test_a_figure_has_the_format_of_its_suffix_and_reproducible_bytes(tmp_path):
+    figure = Figure()
+    figure.subplots().plot([0.0, 1.0], [1.0, 0.0], label="a line")
     for suffix, begin in {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}.items():
         first, second = (tmp_path / f"{name}{suffix}" for name in "ab")
-        drawing.save(drawn, first)
-        drawing.save(drawn, second)
+        drawing.save(figure, first)
+        drawing.save(figure, second)
         assert first.read_bytes() == second.read_bytes()
         assert first.read_bytes().startswith(begin)
 
 
-def test_what_cant_be_drawn_is_refused_before_the_run(monkeypatch, tmp_path):
-    monkeypatch.setattr(app, "simulate", lambda *_: pytest.fail("it ran"))
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("run.gif", "run.gif: a picture's name ends in one of .png, .svg, .pdf"),
+        ("no/run.png", "no/run.png: no such folder"),
+        ("run.png", "--plot needs Matplotlib: pip install 'mecazen[plot]'"),
+    ],
+)
+def test_a_figure_is_refused_before_the_run(monkeypatch, tmp_path, name, reason):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
+    arguments = ["simulate", "back", "--plot", str(tmp_path / name)]
+    text = error_of(MecazenError, lambda: app.app(arguments, standalone_mode=False))
+    assert text.endswith(reason)
 
-    def refused(name):
-        arguments = ["simulate", "back", "--plot", str(tmp_path / name)]
-        return error_of(MecazenError, lambda: app.app(arguments, standalone_mode=False))
 
-    assert refused("run.gif").endswith("run.gif: a picture's name ends in one of .png, .svg, .pdf")
-    assert refused("no/run.png").endswith("no/run.png: no such folder")
-    assert refused("run.png") == "--plot needs Matplotlib: pip install 'mecazen[plot]'"
+def test_a_failing_write_leaves_the_old_file(tmp_path):
+    file = tmp_path / "run.csv"
+    write(file, b"old")
+
+    def write_half(path: Path) -> None:
+        assert path.suffix == ".csv"  # which selects the format of a figure
+        path.write_bytes(b"ne")
+        raise OSError(28, os.strerror(28))
+
+    text = error_of(MecazenError, lambda: write_with(file, write_half, "--trajectory"))
+    assert text == f"--trajectory {file}: No space left on device"
+    assert (file.read_bytes(), [*tmp_path.iterdir()]) == (b"old", [file])
+
+
+def test_a_device_is_written_directly():
+    text = error_of(MecazenError, lambda: write(Path("/dev/full"), b"x"))
+    assert text == "/dev/full: No space left on device"
+    write(Path(os.devnull), b"x")
+    assert Path(os.devnull).is_char_device()

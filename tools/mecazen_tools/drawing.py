@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from mecazen.errors import ConfigError, MecazenError
 
 from mecazen_tools.files import write_with
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BLUE, ORANGE = "#0072B2", "#E69F00"
@@ -84,3 +87,11 @@ def save(figure: Figure, path: Path, option: str = "") -> None:
 
     with style.context(STYLE):
         write_with(path, partial(figure.savefig, metadata=METADATA[path.suffix]), option)
+
+
+def draw_arrows(axes: Axes, poses: Sequence[Any], colour: str, length: float, width: float) -> None:
+    """Draw poses (arrays of x [m], y [m] and yaw [rad]) as arrows of a length and a width [m]."""
+    x, y, yaw = poses
+    arrows = length * np.cos(yaw), length * np.sin(yaw)
+    scale: dict[str, Any] = {"angles": "xy", "units": "xy", "scale": 1.0, "width": width}
+    axes.quiver(x, y, *arrows, color=colour, zorder=4.0, **scale)

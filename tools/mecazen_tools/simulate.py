@@ -6,30 +6,24 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import msgspec
-from mecazen.bus import Bus, LocalBus
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import to_value
 from mecazen.graph import COLLECTOR, OBSERVERS
-from mecazen.keys import ODOM
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.programs import graph_of
 from mecazen.robots import join_key
-from mecazen.runtime.clock import Clock
-from mecazen.runtime.host import Host
 from mecazen.runtime.pace import declare_every
-from mecazen.runtime.process import observe
 from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import NS_PER_S
 
 from mecazen_tools.processes import Supervisor, beside_that_core, on_one_core, private_router
+from mecazen_tools.simulation import Simulation
 from mecazen_tools.trajectory import Scores, Trajectory
 
 Progress = Callable[[int], None]
@@ -66,142 +60,23 @@ class InterruptedRun(KeyboardInterrupt):
     """Ctrl-C has ended a run; the arguments are its result and its trajectory until then."""
 
 
-def in_lockstep(scenario: Scenario) -> Scenario:
-    """Return the scenario with simulated time in lockstep."""
-    sim = msgspec.structs.replace(scenario.sim, mode="lockstep")
-    return msgspec.structs.replace(scenario, sim=sim)
-
-
-class InProcess:
-    """All services of a scenario in this process, in lockstep: `step` makes a tick.
-
-    Raises:
-        ConfigError: The scenario does not suit a service, or nothing in it owns time.
-    """
-
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = in_lockstep(scenario)
-        self.bus = LocalBus(scenario.renamed)
-        self.trajectory = _trajectory(self.bus, self.scenario, self.scenario.services)
-        observing = [part for part in self.scenario.parts if part[0] in OBSERVERS]
-        self.host = Host(
-            [part for part in self.scenario.parts if part not in observing],
-            self.bus,
-            self.scenario,
-        )
-        self.clock = Clock(self.host)
-        self.observers = [observe(part, self.bus, self.scenario) for part, _ in observing]
-        for service, robot in self.scenario.parts:
-            self.bus.declare_alive(service, robot)
-
-    def begin(self) -> None:
-        """Make the first tick of the run."""
-        self.clock.begin()
-
-    def reset(self, seed: int) -> None:
-        """Return everything to the start, with noise from `seed`; `begin` makes the first tick."""
-        self.scenario = msgspec.structs.replace(self.scenario, seed=seed)
-        self.trajectory.reset()
-        self.clock.reset(seed)
-
-    def step(self) -> None:
-        """Make the next tick."""
-        self.clock.step()
-
-    def ticks(self) -> Iterator[None]:
-        """Make the whole run; yield after each tick but the last."""
-        self.begin()
-        for _ in range(1, self.scenario.sim.ticks):
-            yield
-            self.step()
-
-    def close(self) -> None:
-        """End the services' work."""
-        self.host.close()
-        for observer in self.observers:
-            observer.close()
-
-
 def simulate(
     scenario: Scenario, name: str, progress: Progress = lambda _: None
 ) -> tuple[Result, Trajectory]:
-    """Run the services of a scenario on the bus within this process.
+    """Run the services of a scenario in this process.
 
     Raises:
         MecazenError: A service failed.
     """
-    with closing(InProcess(scenario)) as run, _keeping(run.scenario, name, run.trajectory):
-        begin = time.perf_counter()
-        for tick, _ in enumerate(run.ticks(), 1):
+
+    def run() -> None:
+        for tick, _ in enumerate(sim.ticks(), 2):
             if tick % PROGRESS_TICKS == 0:
                 progress(tick)
-    wall_s = time.perf_counter() - begin
-    progress(scenario.sim.ticks)
-    return result(run.scenario, name, run.trajectory, wall_s), run.trajectory
+        progress(scenario.sim.ticks)
 
-
-@contextmanager
-def _keeping(scenario: Scenario, name: str, trajectory: Trajectory) -> Iterator[None]:
-    """Let a Ctrl-C within this context keep the run: raise `InterruptedRun`, once a tick is done.
-
-    A library that calls this module meets a KeyboardInterrupt, as it expects.
-    """
-    begin = time.perf_counter()
-    try:
-        yield
-    except KeyboardInterrupt:
-        if trajectory.done == 0:
-            raise
-        wall_s = time.perf_counter() - begin
-        raise InterruptedRun(_scored(scenario, name, trajectory, wall_s), trajectory) from None
-
-
-def _trajectory(bus: Bus, scenario: Scenario, parts: Sequence[str]) -> Trajectory:
-    """Return a trajectory that collects the samples of a run."""
-    sim = scenario.sim
-    rate = graph_of(scenario).rate(ODOM.key)
-    per_odom = {robot: scenario.of(robot).ticks_per(rate) for robot in scenario.names}
-    return Trajectory(bus, sim.tick_ns, sim.ticks, parts, per_odom)
-
-
-def result(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float) -> Result:
-    """Return the result of a finished run.
-
-    Raises:
-        MecazenError: The run is incomplete.
-    """
-    if not trajectory.complete:
-        raise MecazenError(f"the run ended after {trajectory.done} of {scenario.sim.ticks} ticks")
-    return _scored(scenario, name, trajectory, wall_s)
-
-
-def _scored(scenario: Scenario, name: str, trajectory: Trajectory, wall_s: float) -> Result:
-    """Return the result of the finished ticks of a run."""
-    scores = {
-        robot: trajectory.scores(scenario.of(robot).follower.standoff, robot)
-        for robot in scenario.names
-    }
-    contacts = [trajectory.contacts(scenario, robot) for robot in scenario.names]
-    duration_s = trajectory.done * scenario.sim.tick_ns / NS_PER_S
-    return Result(
-        scenario=name,
-        seed=scenario.seed,
-        ticks=trajectory.done,
-        duration_s=duration_s,
-        wall_s=wall_s,
-        rtf=duration_s / wall_s,
-        d_err_m=_mean(of.d_err_m for of in scores.values()),
-        theta_err_deg=_mean(of.theta_err_deg for of in scores.values()),
-        contacts_persons=sum(each.persons for each in contacts),
-        contacts_obstacles=sum(each.obstacles for each in contacts),
-        trajectory_sha256=trajectory.sha256(),
-        robots=scores if scenario.robots else {},
-    )
-
-
-def _mean(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return math.fsum(known) / len(known) if known else None
+    with Simulation(scenario) as sim:
+        return _scored(name, sim.trajectory, run)
 
 
 def simulate_distributed(
@@ -223,25 +98,26 @@ def simulate_distributed(
     if len(os.sched_getaffinity(0)) == 1:
         sys.stderr.write("all processes share the only core that this command may use\n")
     supervisor = Supervisor(path, settings, scenario)
-    try:
+
+    def show_output() -> None:
+        """Show the output of the processes since the last call; raise if one has ended."""
+        while (line := supervisor.poll(0.0)) is not None:
+            sys.stderr.write(f"{line.text}\n")
+
+    with ExitStack() as stack:
+        stack.callback(supervisor.stop)
         with on_one_core():
             supervisor.start_router()
         with beside_that_core():
-            bus = _collector_bus(scenario)
-        with closing(bus):
-            trajectory = _join(bus, scenario)
-            for process in scenario.process_plan:
-                if COLLECTOR in process.services:
-                    continue
+            bus, trajectory = stack.enter_context(_collector(scenario))
+        for process in scenario.process_plan:
+            if COLLECTOR not in process.services:
                 # observers, for which no tick waits, avoid the core of the others
                 observes = process.services[0] in OBSERVERS
                 with beside_that_core() if observes else on_one_core():
                     supervisor.start(process)
-            with beside_that_core(), _keeping(scenario, name, trajectory):
-                wall_s = _collect(trajectory, bus, partial(_pass_on, supervisor), progress)
-    finally:
-        supervisor.stop()
-    return result(scenario, name, trajectory, wall_s), trajectory
+        with beside_that_core():
+            return _collected(name, bus, trajectory, show_output, progress)
 
 
 def collect(
@@ -260,59 +136,95 @@ def collect(
     seen: set[str] = set()
     parts = {join_key(*part) for part in scenario.parts}
 
-    def check() -> None:
+    def refuse_missing() -> None:
         alive = bus.presence.names & parts
         seen.update(alive)
-        if gone := sorted(seen - alive):
-            raise MecazenError(f"{', '.join(gone)}: gone after {trajectory.done} ticks")
+        if missing := sorted(seen - alive):
+            raise MecazenError(f"{', '.join(missing)}: gone after {trajectory.done} ticks")
 
-    bus = _collector_bus(scenario)
+    with _collector(scenario) as (bus, trajectory):
+        return _collected(name, bus, trajectory, refuse_missing, progress)
+
+
+@contextmanager
+def _collector(scenario: Scenario) -> Iterator[tuple[ZenohBus, Trajectory]]:
+    """Take part in a run as its collector, whose trajectory is still empty."""
+    bus = ZenohBus(scenario.bus, name=COLLECTOR, renamed=scenario.renamed)
     with closing(bus):
-        trajectory = _join(bus, scenario)
-        with _keeping(scenario, name, trajectory):
-            wall_s = _collect(trajectory, bus, check, progress)
-    return result(scenario, name, trajectory, wall_s), trajectory
+        trajectory = Trajectory(bus, scenario)
+        bus.declare_alive(COLLECTOR)
+        declare_every(bus, COLLECTOR)
+        announce_readiness(bus, COLLECTOR, "", scenario)
+        yield bus, trajectory
 
 
-def _pass_on(supervisor: Supervisor) -> None:
-    """Show the output of the processes since the last call.
+def _collected(
+    name: str,
+    bus: ZenohBus,
+    trajectory: Trajectory,
+    check: Callable[[], object],
+    progress: Progress,
+) -> tuple[Result, Trajectory]:
+    """Take samples until the run is complete; `check` raises if the run can't continue."""
+
+    def run() -> None:
+        reported = 0
+        while not trajectory.complete:
+            bus.spin_once(PATIENCE_S)
+            if trajectory.done >= reported + PROGRESS_TICKS:
+                reported = trajectory.done
+                progress(reported)
+            check()
+        progress(trajectory.done)
+
+    while trajectory.done == 0:
+        bus.spin_once(PATIENCE_S)
+        check()
+    return _scored(name, trajectory, run)
+
+
+def _scored(
+    name: str, trajectory: Trajectory, run: Callable[[], None]
+) -> tuple[Result, Trajectory]:
+    """Make a run from its second tick on; return its result.
 
     Raises:
-        ProcessError: A process has ended.
+        MecazenError: The run is incomplete.
+        InterruptedRun: Ctrl-C ended the run.
     """
-    while (line := supervisor.poll(0.0)) is not None:
-        sys.stderr.write(f"{line.text}\n")
+    begin = time.perf_counter()
+    try:
+        run()
+    except KeyboardInterrupt:
+        wall_s = time.perf_counter() - begin
+        raise InterruptedRun(result(name, trajectory, wall_s), trajectory) from None
+    wall_s = time.perf_counter() - begin
+    trajectory.refuse_incomplete()
+    return result(name, trajectory, wall_s), trajectory
 
 
-def _collector_bus(scenario: Scenario) -> ZenohBus:
-    return ZenohBus(scenario.bus, name=COLLECTOR, renamed=scenario.renamed)
+def result(name: str, trajectory: Trajectory, wall_s: float) -> Result:
+    """Return the result of the finished ticks of a run."""
+    scenario = trajectory.scenario
+    scores = {robot: trajectory.scores(robot) for robot in scenario.names}
+    contacts = [trajectory.contacts(robot) for robot in scenario.names]
+    duration_s = trajectory.done * scenario.sim.tick_ns / NS_PER_S
+    return Result(
+        scenario=name,
+        seed=scenario.seed,
+        ticks=trajectory.done,
+        duration_s=duration_s,
+        wall_s=wall_s,
+        rtf=duration_s / wall_s,
+        d_err_m=_mean(score.d_err_m for score in scores.values()),
+        theta_err_deg=_mean(score.theta_err_deg for score in scores.values()),
+        contacts_persons=sum(counts.persons for counts in contacts),
+        contacts_obstacles=sum(counts.obstacles for counts in contacts),
+        trajectory_sha256=trajectory.sha256(),
+        robots=scores if scenario.robots else {},
+    )
 
 
-def _join(bus: ZenohBus, scenario: Scenario) -> Trajectory:
-    """Take part in a run as its collector; return the trajectory, which is still empty."""
-    parts = [part for part in scenario.services if part != COLLECTOR]
-    trajectory = _trajectory(bus, scenario, parts)
-    bus.declare_alive(COLLECTOR)
-    declare_every(bus, COLLECTOR)
-    announce_readiness(bus, COLLECTOR, "", scenario)
-    return trajectory
-
-
-def _collect(
-    trajectory: Trajectory, bus: ZenohBus, check: Callable[[], object], progress: Progress
-) -> float:
-    """Take samples until the run is complete; return the wall time since its first tick [s].
-
-    `check` is called repeatedly, and raises if the run can't continue.
-    """
-    begin, reported = time.perf_counter(), 0
-    while not trajectory.complete:
-        bus.spin_once(PATIENCE_S)
-        if trajectory.done == 0:
-            begin = time.perf_counter()
-        if trajectory.done >= reported + PROGRESS_TICKS:
-            reported = trajectory.done
-            progress(reported)
-        check()
-    progress(trajectory.done)
-    return time.perf_counter() - begin
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return math.fsum(known) / len(known) if known else None

@@ -148,7 +148,7 @@ def _run(
         from mecazen_tools import run_figure  # noqa: PLC0415  # Matplotlib is an extra, and slow
 
         title = f"{result.scenario}, seed {result.seed}"
-        figure = run_figure.draw(run_figure.courses(run, scenario), scenario, title)
+        figure = run_figure.draw(run_figure.courses(run), scenario, title)
         drawing.save(figure, plot, "--plot")
         notes.append(f"picture: {plot}")
     if not as_json:

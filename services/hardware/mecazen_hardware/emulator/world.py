@@ -13,7 +13,7 @@ from mecazen.keys import GROUND_TRUTH, IMU, JOINT_COMMAND, JOINT_STATES, Topic
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Header, Imu, JointState, Message, Odometry
 from mecazen.wire import Stamp
-from mecazen_tools.simulate import InProcess
+from mecazen_tools.simulation import Simulation
 from mecazen_tools.trajectory import Scores
 from msgspec.structs import replace
 
@@ -98,7 +98,7 @@ class EmulatedWorld:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.run = InProcess(scenario)
+        self.sim = Simulation(scenario)
         self.battery_v = scenario.sensors.battery.voltage_v
         """Voltage without load [V]."""
         self.has_begun = False
@@ -109,8 +109,8 @@ class EmulatedWorld:
         self._speeds: Sequence[float] = (0.0,) * 4
         self._imu = Imu()
         self._attitude = (0.0,) * 3
-        self._command = self.run.bus.publisher(JOINT_COMMAND)
-        bus = self.run.bus
+        self._command = self.sim.bus.publisher(JOINT_COMMAND)
+        bus = self.sim.bus
         bus.subscribe(JOINT_STATES, self._on_joints)
         bus.subscribe(GROUND_TRUTH, self._on_truth)
         bus.subscribe(IMU, self._on_imu)
@@ -123,7 +123,7 @@ class EmulatedWorld:
     def begin(self) -> None:
         """Start the time: persons start to walk as the scenario specifies."""
         self.has_begun = True
-        self.run.begin()
+        self.sim.reset()
 
     def step(self, duty: Sequence[float | None]) -> None:
         """Advance by a tick with a share of the battery's voltage at each motor, m1 to m4."""
@@ -135,10 +135,10 @@ class EmulatedWorld:
             efforts[wheel], drawn = motor_torque(applied, self._speeds[wheel])
             current += max(drawn * (share or 0.0), 0.0)
         self._current = current
-        message = JointState(Header(), self.run.scenario.robot.wheels.joints, effort=tuple(efforts))
+        message = JointState(Header(), self.scenario.robot.wheels.joints, effort=tuple(efforts))
         self._command.put(message, None)
-        self.run.step()
-        self.time_ns = self.run.clock.stamp.time_ns
+        self.sim.step()
+        self.time_ns = self.sim.clock.stamp.time_ns
 
     @property
     def volts(self) -> float:
@@ -159,11 +159,11 @@ class EmulatedWorld:
 
     def scores(self) -> Scores:
         """Return the scores of following so far, from the ground truth."""
-        return self.run.trajectory.scores(self.scenario.follower.standoff)
+        return self.sim.scores()
 
     def close(self) -> None:
         """Close the services."""
-        self.run.close()
+        self.sim.close()
 
     def _noting(self, topic: Topic[Any]) -> Any:
         def note(message: Message, stamp: Stamp | None) -> None:
