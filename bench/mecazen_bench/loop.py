@@ -15,7 +15,6 @@ from mecazen.files import to_value
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import StepRequest
 from mecazen.programs import classes
-from mecazen_tools.processes import beside_that_core, on_one_core
 from mecazen_tools.simulate import simulate
 from mecazen_tools.simulation import Simulation
 
@@ -128,10 +127,8 @@ def _in_one_process(scenario: Scenario) -> Iterator[Way]:
 def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
     grouped = (f"processes={to_value(groups)}",) if groups else ()
     with ExitStack() as exits:
-        with on_one_core():
-            stack = exits.enter_context(running("back", 'sim.mode="lockstep"', *ENDLESS, *grouped))
-        with beside_that_core():
-            bus = exits.enter_context(paused(stack))
+        stack = exits.enter_context(running("back", 'sim.mode="lockstep"', *ENDLESS, *grouped))
+        bus = exits.enter_context(paused(stack))
         processes = stack.processes().values()
         yield (
             lambda ticks: bus.call(keys.SIM_STEP, StepRequest(ticks=ticks)),

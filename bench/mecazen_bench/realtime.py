@@ -76,9 +76,12 @@ def run(window_s: float = WINDOW_S) -> list[Group]:
         begin = time.monotonic()
         with _up(settings) as up:
             first_odom_s, _ = receiver.submit(_receive, scenario, WARM_S).result()
-            (parent,) = up.children()
-            named = {child.name(): child for child in parent.children()}
-            usage = Usage(named | {"parent": parent, "up": up})
+            # the tracker is that of `multiprocessing`
+            servers = {
+                "fork server" if child.children() else "tracker": child for child in up.children()
+            }
+            services = {child.name(): child for child in servers["fork server"].children()}
+            usage = Usage(services | servers | {"up": up})
             _, late_ms = receiver.submit(_receive, scenario, window_s).result()
             rows = usage.rows(CPU_PERCENT, MEMORY_MB, STACK_MEMORY_MB)
     half, most = np.percentile(np.abs(late_ms), (50, 99)).tolist()

@@ -7,7 +7,6 @@ import time
 
 from harness import SCENARIOS
 from mecazen import keys
-from mecazen_tools.processes import on_one_core
 
 CIRCLE = SCENARIOS / "circle.toml"
 """Its person walks without end."""
@@ -52,8 +51,7 @@ def test_hours_in_lockstep_lose_no_tick_and_no_memory(stack, scale):
     ticks = Ticks(running.bus, sim.tick_ns)
     settled, most = {}, {}
     begin = time.monotonic()
-    with on_one_core():
-        running.start()
+    running.start()
     due = sim.ticks * SHARE
     while ticks.newest < sim.ticks - 1:
         running.supervisor.poll(0.0)

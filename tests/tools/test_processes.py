@@ -1,10 +1,11 @@
-"""The supervisor starts processes, passes on the error of one that fails, and ends all."""
+"""The supervisor starts processes, passes on what they write, restarts them and ends all."""
 
 import os
 import re
 import secrets
 import signal
-import socket
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from pathlib import Path
 from mecazen.errors import BusError, ConfigError
 from mecazen.row import Row
 from mecazen.node import Node
+from mecazen.runtime.observer import Observer
 
 
 class Toy(Node):
@@ -31,11 +33,6 @@ class Toy(Node):
 
     def step(self, tick, inputs):
         return {}
-
-
-class Quiet(Toy):
-    def reset(self, seed):
-        pass
 
 
 class Fails(Toy):
@@ -69,55 +66,57 @@ class Starts_Another(Toy):
 
 class Quits(Toy):
     def reset(self, seed):
+        sys.stderr.write("half a line")
         sys.exit(7)
 
 
 class Deaf(Toy):
     def reset(self, seed):
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+
+class Page(Observer):
+    def reset(self, seed):
+        logging.info("msg=serving url=http://127.0.0.1:1")
+"""
+NODES = ("toy", "fails", "crashes", "quits", "deaf", "works_first", "misfit", "starts_another")
+PROGRAMS = {name: f"toy.py:{name.title()}" for name in NODES} | {"viewer": "toy.py:Page"}
+KILLED = """
+import sys
+from pathlib import Path
+from mecazen.config import Process
+from mecazen_tools.processes import Supervisor
+
+supervisor = Supervisor(Path(sys.argv[1]), sys.argv[2:])
+supervisor.start(Process(("toy",)))
+while not supervisor.works("toy"):
+    supervisor.poll(0.1)
+print(supervisor.pids["toy"], flush=True)
+supervisor.poll(1000.0)
 """
 
-TOYS = (
-    "toy",
-    "quiet",
-    "fails",
-    "crashes",
-    "quits",
-    "deaf",
-    "works_first",
-    "misfit",
-    "starts_another",
-)
-
 
 @pytest.fixture
-def make_supervisor(write_scenario, tmp_path, router):
+def scenario(write_scenario, tmp_path, router):
+    """The file of a scenario with the toys, and settings of a namespace of its own."""
     (tmp_path / "toy.py").write_text(TOY)
-    path = write_scenario(
-        "services = []\n[programs]\n"
-        + "".join(f"{name} = '../toy.py:{name.title()}'\n" for name in TOYS)
-    )
-    namespace = f"test{secrets.token_hex(6)}"
-    made = []
-
-    def make(**options):
-        settings = [f'bus.connect=["{router}"]', f"bus.namespace={namespace}"]
-        made.append(Supervisor(path, settings, **options))
-        return made[-1]
-
-    yield make
-    for supervisor in made:
-        supervisor.stop()
+    lines = "".join(f"{name} = '../{program}'\n" for name, program in PROGRAMS.items())
+    settings = [f'bus.connect=["{router}"]', f"bus.namespace=test{secrets.token_hex(6)}"]
+    return write_scenario("services = []\n[programs]\n" + lines), settings
 
 
 @pytest.fixture
-def supervisor(make_supervisor):
-    return make_supervisor()
+def supervisor(scenario):
+    supervisor = Supervisor(*scenario)
+    yield supervisor
+    supervisor.stop()
 
 
 @pytest.fixture
-def restarting(make_supervisor):
-    return make_supervisor(restart=True)
+def restarting(scenario):
+    supervisor = Supervisor(*scenario, restart=True)
+    yield supervisor
+    supervisor.stop()
 
 
 def start(supervisor, name, **options):
@@ -125,11 +124,11 @@ def start(supervisor, name, **options):
 
 
 def lines(supervisor):
-    """Yield what is said, and None now and then."""
+    """Yield lines of all processes, and None now and then."""
     end = time.monotonic() + COMMAND_GUARD_S
     while time.monotonic() < end:
         yield supervisor.poll(0.1)
-    pytest.fail("what was waited for did not come")
+    pytest.fail("the line or state did not come")
 
 
 def await_line(supervisor, name, text):
@@ -156,77 +155,75 @@ def kill(supervisor, name):
     return pid
 
 
-def test_a_line_of_a_process_comes_with_its_name(supervisor):
+def await_end(pid):
+    end = time.monotonic() + COMMAND_GUARD_S
+    while is_running(pid):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_warning_and_the_address_of_a_page_come_with_names(supervisor):
     start(supervisor, "toy")
     line = await_line(supervisor, "toy", "hello")
     assert line == Line("toy", "t=0.000 level=warning service=toy msg=hello")
+    start(supervisor, "viewer")
+    line = await_line(supervisor, "viewer", "http")
+    assert line == Line("viewer", "http://127.0.0.1:1", is_address=True)
 
 
-@pytest.mark.parametrize("restart", [False, True])
 @pytest.mark.parametrize(
-    ("name", "error"),
+    ("name", "restart", "error"),
     [
-        ("fails", "fails: the wheel came off"),
-        ("crashes", "crashes: ZeroDivisionError: twice"),
-        ("quits", "quits: ended with code 7"),
-        ("nobody", "nobody: no such node; nodes: "),
+        ("fails", False, "fails: the wheel came off"),
+        ("fails", True, "fails: the wheel came off"),
+        ("crashes", False, "crashes: ZeroDivisionError: twice"),
+        ("quits", True, "quits: half a line"),
+        ("nobody", True, "nobody: no such node; nodes: "),
     ],
 )
-def test_when_a_process_fails_before_it_ever_worked_expect_its_own_words(
-    make_supervisor, name, error, restart
-):
-    supervisor = make_supervisor(restart=restart)
+def test_a_process_that_never_worked_fails_in_one_line(scenario, name, restart, error):
+    supervisor = Supervisor(*scenario, restart=restart)
     start(supervisor, name)
     failure = await_failure(supervisor)
+    supervisor.stop()
     assert failure.startswith(error)
     assert len(failure.splitlines()) == 1
 
 
-@pytest.mark.parametrize("restart", [False, True])
-def test_the_end_of_a_process_that_is_not_needed_is_told_with_its_reason_and_is_no_error(
-    make_supervisor, restart
-):
-    supervisor = make_supervisor(restart=restart)
-    start(supervisor, "fails", needed=False)
-    line = await_line(supervisor, "fails", "ended")
+def test_the_end_of_a_process_that_is_not_needed_is_no_error(restarting):
+    start(restarting, "fails", needed=False)
+    line = await_line(restarting, "fails", "ended")
     assert line.text == "fails has ended: the wheel came off; the others go on"
-    assert supervisor.poll(0.0) is None
+    assert restarting.poll(0.0) is None
 
 
-def test_when_a_process_is_killed_expect_that_said(supervisor):
-    start(supervisor, "toy")
-    kill(supervisor, "toy")
-    assert await_failure(supervisor) == "toy: was killed by SIGKILL"
-
-
-def test_the_end_of_a_process_is_noted_while_its_own_subprocess_holds_its_log_open(supervisor):
+def test_a_process_ends_although_its_own_subprocess_holds_its_log(supervisor):
     start(supervisor, "starts_another")
-    other = int(await_line(supervisor, "starts_another", "").text.rpartition(" ")[2])
+    sleeper = int(await_line(supervisor, "starts_another", "").text.rpartition(" ")[2])
     kill(supervisor, "starts_another")
     assert await_failure(supervisor) == "starts_another: was killed by SIGKILL"
-    os.kill(other, signal.SIGKILL)  # which raises if it has ended
+    os.kill(sleeper, signal.SIGKILL)  # which raises if it has ended
 
 
-@pytest.mark.parametrize("needed", [True, False])
-def test_who_restarts_starts_a_killed_process_at_once_and_says_so_in_one_line(restarting, needed):
-    start(restarting, "toy", needed=needed)
-    pid = kill(restarting, "toy")
-    line = await_line(restarting, "toy", "SIGKILL")
-    assert line.text == "toy: was killed by SIGKILL; it is started again at once"
-    assert await_work(restarting, "toy") != pid
+def test_a_process_that_worked_steadily_is_started_again_at_once(restarting, monkeypatch):
+    monkeypatch.setattr(processes, "STEADY_S", 0.0)
+    start(restarting, "toy", needed=False)
+    for _ in range(3):
+        pid = kill(restarting, "toy")
+        line = await_line(restarting, "toy", "SIGKILL")
+        assert line.text == "toy: was killed by SIGKILL; it is started again at once"
+        assert await_work(restarting, "toy") != pid
 
 
-def test_a_process_that_keeps_ending_is_started_again_after_a_growing_pause(
-    restarting, monkeypatch
-):
+def test_pauses_grow_while_a_process_keeps_ending(restarting, monkeypatch):
     monkeypatch.setattr(processes, "FIRST_PAUSE_S", 0.25)
     monkeypatch.setattr(processes, "MAX_PAUSE_S", 0.5)
     # on a busy machine the kill may come late: still, it has not worked for a while
     monkeypatch.setattr(processes, "STEADY_S", COMMAND_GUARD_S)
     start(restarting, "works_first")
     kill(restarting, "works_first")
-    said = [await_line(restarting, "works_first", "started again").text for _ in range(4)]
-    assert [text.removeprefix("works_first: ") for text in said] == [
+    restarts = [await_line(restarting, "works_first", "started again").text for _ in range(4)]
+    assert [text.removeprefix("works_first: ") for text in restarts] == [
         "was killed by SIGKILL; it is started again at once",
         "no second time; it is started again in 0.25 s",
         "no second time; it is started again in 0.5 s",
@@ -234,24 +231,14 @@ def test_a_process_that_keeps_ending_is_started_again_after_a_growing_pause(
     ]
 
 
-def test_a_process_that_its_scenario_does_not_suit_is_not_started_again_after_work_either(
-    restarting,
-):
+def test_a_process_that_its_scenario_does_not_suit_is_not_started_again(restarting):
     start(restarting, "misfit")
     kill(restarting, "misfit")
     assert "at once" in await_line(restarting, "misfit", "SIGKILL").text
     assert await_failure(restarting) == "misfit: no second time"
 
 
-def test_a_process_that_worked_steadily_is_started_again_at_once(restarting, monkeypatch):
-    monkeypatch.setattr(processes, "STEADY_S", 0.0)
-    start(restarting, "toy")
-    for _ in range(3):
-        kill(restarting, "toy")
-        assert "at once" in await_line(restarting, "toy", "SIGKILL").text
-
-
-def test_while_a_process_waits_to_be_started_again_others_are_heard(restarting, monkeypatch):
+def test_other_processes_run_while_a_restart_waits(restarting, monkeypatch):
     monkeypatch.setattr(processes, "FIRST_PAUSE_S", 1000.0)
     start(restarting, "works_first")
     kill(restarting, "works_first")
@@ -263,14 +250,7 @@ def test_while_a_process_waits_to_be_started_again_others_are_heard(restarting, 
     assert restarting.stop() == []
 
 
-def test_stop_ends_all_and_none_has_to_be_killed(supervisor):
-    start(supervisor, "toy")
-    await_work(supervisor, "toy")
-    assert supervisor.stop() == []
-    assert not is_running(supervisor.pids["toy"])
-
-
-def test_stop_names_who_had_to_be_killed(supervisor, monkeypatch):
+def test_stop_ends_all_and_names_killed_processes(supervisor, monkeypatch):
     for name in ("toy", "deaf"):
         start(supervisor, name)
     for name in ("toy", "deaf"):
@@ -278,54 +258,21 @@ def test_stop_names_who_had_to_be_killed(supervisor, monkeypatch):
     monkeypatch.setattr(processes, "STOP_TIMEOUT_S", 3.0)
     assert supervisor.stop() == ["deaf"]
     assert supervisor.stop() == []
-    for pid in supervisor.pids.values():
-        assert not is_running(pid)
+    assert not any(map(is_running, supervisor.pids.values()))
 
 
-def test_start_router_waits_until_it_listens(write_scenario, free_port):
-    supervisor = Supervisor(write_scenario(), [f'bus.connect=["tcp/127.0.0.1:{free_port}"]'])
+def test_the_router_listens_or_its_port_is_taken(write_scenario, free_port):
+    settings = [f'bus.connect=["tcp/127.0.0.1:{free_port}"]']
+    first, second = (Supervisor(write_scenario(), settings) for _ in range(2))
     try:
-        supervisor.start_router(COMMAND_GUARD_S)
-        socket.create_connection(("127.0.0.1", free_port)).close()
+        first.start_router(COMMAND_GUARD_S)
+        with pytest.raises(ProcessError, match=r"^router: can't listen on .*: the port is taken"):
+            second.start_router(COMMAND_GUARD_S)
     finally:
-        assert supervisor.stop() == []
+        assert first.stop() == second.stop() == []
 
 
-def test_when_the_routers_port_is_taken_expect_its_own_words(write_scenario, router):
-    supervisor = Supervisor(write_scenario(), [f'bus.connect=["{router}"]'])
-    with pytest.raises(ProcessError, match=r"^router: can't listen on .*: the port is taken"):
-        supervisor.start_router(COMMAND_GUARD_S)
-    assert supervisor.stop() == []
-
-
-def test_on_one_core_expect_one_core_inside_and_the_same_as_before_after():
-    before = os.sched_getaffinity(0)
-    with processes.on_one_core():
-        assert len(os.sched_getaffinity(0)) == 1
-    assert os.sched_getaffinity(0) == before
-
-
-def code_at(pid):
-    """Return the addresses of the interpreter's and the libraries' code in a process."""
-    maps = Path(f"/proc/{pid}/maps").read_text().splitlines()
-    return {line.split()[0] for line in maps if "r-xp" in line and ".so" in line}
-
-
-def test_forks_have_their_code_at_the_same_addresses_that_each_start_places_at_random(
-    make_supervisor,
-):
-    one, another = make_supervisor(), make_supervisor()
-    pids = []
-    for supervisor, name in ((one, "toy"), (one, "works_first"), (another, "quiet")):
-        start(supervisor, name)
-        pids.append(await_work(supervisor, name))
-    first, second, apart = map(code_at, pids)
-    assert first & second
-    assert not first & apart
-    assert int(Path(f"/proc/{pids[0]}/personality").read_text(), 16) == 0
-
-
-def test_a_fork_has_a_name_and_a_session_of_its_own_and_shares_memory_with_its_parent(supervisor):
+def test_a_process_has_a_name_a_session_and_shared_memory(supervisor):
     start(supervisor, "toy")
     pid = await_work(supervisor, "toy")
     assert Path(f"/proc/{pid}/comm").read_text() == "toy\n"
@@ -335,17 +282,22 @@ def test_a_fork_has_a_name_and_a_session_of_its_own_and_shares_memory_with_its_p
     assert int(sizes["Shared_Dirty"]) > int(sizes["Anonymous"]) / 3
 
 
-def test_when_the_parent_is_killed_expect_its_forks_to_end_and_to_be_started_again(restarting):
+def test_processes_of_a_killed_fork_server_end_and_are_started_again(restarting):
     start(restarting, "toy")
     pid = await_work(restarting, "toy")
     status = Path(f"/proc/{pid}/status").read_text()
     os.kill(int(re.search(r"PPid:\s+(\d+)", status)[1]), signal.SIGKILL)
-    line = await_line(restarting, "toy", "has ended with the parent of all processes")
-    assert line.text.endswith("; it is started again at once")
+    line = await_line(restarting, "toy", "has ended with the fork server")
+    assert line.text.endswith("; it is started again in 0.5 s")
+    await_end(pid)
     assert await_work(restarting, "toy") != pid
 
 
-def test_when_every_parent_ends_at_once_expect_one_line(supervisor, monkeypatch):
-    monkeypatch.setattr(processes.Parent, "start", lambda *_: None)
-    with pytest.raises(ProcessError, match=r"^the parent of all processes has ended$"):
-        start(supervisor, "toy")
+def test_processes_end_if_their_supervisor_is_killed(scenario):
+    path, settings = scenario
+    command = [sys.executable, "-c", KILLED, path, *settings]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        pid = int(program.stdout.readline())
+        program.kill()
+        assert program.stdout.read() == ""  # until the fork server has ended, too
+    await_end(pid)

@@ -7,6 +7,7 @@ import signal
 import sys
 
 from mecazen_tools import INTERRUPTED
+from mecazen_tools.forking import start_server
 
 MARKS = {"✓": "+", "✗": "-", "≤": "<"}
 """Signs of the same width for encodings that lack those of tables."""
@@ -27,8 +28,10 @@ def main() -> None:
     interrupt = signal.getsignal(signal.SIGINT)
     if interrupt is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # NumPy's threads would prevent forks of this process; its products are too small to need them
+    # NumPy's products are too small to need threads
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    if {"up", "--distributed"} & {*sys.argv}:
+        start_server()  # imports at the same time as this process
     from mecazen_tools.cli import main as run  # noqa: PLC0415  # takes a second
     from mecazen_tools.files import WholeWrites  # noqa: PLC0415
 

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
-import queue
+import re
 import secrets
 import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence, Set
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from multiprocessing import Pipe, parent_process
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from mecazen.bus.ports import LOOPBACK, free_port
-from mecazen.config import Process, Scenario
+from mecazen.config import Process
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import OBSERVERS
-from mecazen.runtime.report import Report
+from mecazen.runtime.process import FAILED, ROUTER, run_to_exit
 
-from mecazen_tools.forking import Child, Parent
+from mecazen_tools.forking import CONTEXT, STOPPING, start_server, starting
 
 STOP_TIMEOUT_S = 5.0
 """Time for a process to end before it is killed [s]."""
@@ -33,12 +36,11 @@ STEADY_S = 1.0
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
 """Pauses before repeated restarts [s]: the first, which doubles each time, and the longest."""
 
-
-LAST_LINES_S = 1.0
-"""Time to read the log of a process that has ended [s]. Its own subprocesses may keep it open."""
-
-ROUTER = Process(("router",))
-"""The Zenoh router."""
+READ_BYTES = 1 << 16
+SERVER_ENDED = 255
+"""Exit code that `multiprocessing` reports for all processes if the fork server has ended."""
+EVENT = re.compile(r"t=\S+ level=info service=\S+ msg=(\S+)(?: url=(\S+))?")
+"""A line of a service's log that is no warning: an event, and the address of a page."""
 
 
 class Line(NamedTuple):
@@ -50,44 +52,37 @@ class Line(NamedTuple):
     """Whether it is the address of a page that the process serves."""
 
 
-class Ended(NamedTuple):
-    """The end of a process."""
-
-    name: str
-    code: int | None
-    """None if it ended because the parent of all processes ended."""
-    last_line: str
-    """The last line of its log."""
+class ProcessError(MecazenError):
+    """A process of the simulation failed; the message is that of the process."""
 
 
-@dataclass
+@dataclass(eq=False)
 class _Part:
-    """A process, and the data for its restart."""
+    """A process that was forked, and the data for its restart."""
 
-    child: Child
     process: Process
     """Its services and robot."""
     needed: bool
-    error: str = ""
-    """The error that the process reported before its end."""
+    child: ForkServerProcess
+    log: Connection
+    """Its standard error."""
+    begun: bytes = b""
+    """Begin of a line of the log."""
+    last_line: str = ""
     has_run: bool = False
-    """Whether the process has ever reported that it works."""
+    """Whether the process has ever logged that it works."""
     begin_s: float = math.inf
     """Begin of the process's present work [s]; infinite while it does not work."""
     failures: int = 0
     """Number of consecutive ends before `STEADY_S` of work."""
-    restart_s: float | None = None
-    """Time of its restart [s]."""
-
-
-class ProcessError(MecazenError):
-    """A process of the simulation failed; the message is that of the process."""
+    restart_s: float = math.inf
+    """Time of its restart [s]; infinite if it is not started again."""
 
 
 class Supervisor:
     """The processes of one scenario.
 
-    All are forked from one parent (see `forking`), each into its own session. So Ctrl-C reaches
+    All are forked from one server (see `forking`), each into its own session. So Ctrl-C reaches
     only this process, which then ends the others. If this process dies, the others end as well.
 
     With `restart` a process that has ended is started again, at once, or after a pause that grows
@@ -97,61 +92,55 @@ class Supervisor:
     Args:
         path: The scenario's file.
         settings: Its overrides.
-        scenario: The scenario loaded from both; left out, each process loads it.
         restart: See above.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        settings: Sequence[str],
-        scenario: Scenario | None = None,
-        *,
-        restart: bool = False,
-    ) -> None:
-        own = scenario is not None and scenario.programs
-        self._fork = partial(Parent, path, settings, None if own else scenario)
+    def __init__(self, path: Path, settings: Sequence[str], *, restart: bool = False) -> None:
+        self._path, self._settings = str(path), tuple(settings)
         self._restart = restart
-        self._parent = self._fork()
         self._parts: dict[str, _Part] = {}
-        self._watchers: list[threading.Thread] = []
-        self._events: queue.SimpleQueue[Line | Ended | tuple[str, Report]] = queue.SimpleQueue()
+        self._running: list[_Part] = []
+        self._ended: deque[_Part] = deque()
+        self._lines: deque[Line] = deque()
+        start_server()
 
     @property
     def pids(self) -> dict[str, int]:
         """The process of each name that was started."""
-        return {name: part.child.pid for name, part in self._parts.items()}
+        return {name: part.child.pid or 0 for name, part in self._parts.items()}
 
     def works(self, name: str) -> bool:
-        """Return whether a process had reported by the last `poll` that it works."""
+        """Return whether a process had logged by the last `poll` that it works."""
         return self._parts[name].begin_s < math.inf
 
     def start(self, process: Process, *, needed: bool = True) -> None:
         """Start a process; the service `router` is the router.
 
         If it is not `needed`, its end is no error.
-        """
-        self._parts[process.name] = _Part(self._spawn(process), process, needed)
 
-    def _spawn(self, process: Process) -> Child:
-        child = self._parent.start(process)
-        if child is None:
-            self._parent.close()
-            self._parent = self._fork()
-            child = self._parent.start(process)
-        if child is None:
-            raise ProcessError("the parent of all processes has ended")
-        watcher = threading.Thread(target=self._watch, args=(process.name, child), daemon=True)
-        watcher.start()
-        self._watchers = [other for other in self._watchers if other.is_alive()]
-        self._watchers.append(watcher)
-        return child
+        Raises:
+            ProcessError: The fork server has ended.
+        """
+        part = self._parts[process.name] = _Part(process, needed, *self._fork(process))
+        self._running.append(part)
+
+    def _fork(self, process: Process) -> tuple[ForkServerProcess, Connection]:
+        log, their_end = Pipe(duplex=False)
+        os.set_blocking(log.fileno(), False)
+        arguments = (process, self._path, self._settings, their_end)
+        child = CONTEXT.Process(target=_run, args=arguments, daemon=True)
+        with their_end, starting():
+            try:
+                child.start()
+            except (ConnectionError, EOFError):
+                raise ProcessError(f"{process.name}: the fork server has ended") from None
+        return child, log
 
     def start_router(self, timeout_s: float = 10.0) -> None:
         """Start the router and wait until it listens.
 
         Raises:
-            ProcessError: It ended, most often because the port is taken, or it reports nothing.
+            ProcessError: It ended, most often because the port is taken, or it logs nothing.
         """
         self.start(ROUTER)
         deadline = time.monotonic() + timeout_s
@@ -167,61 +156,80 @@ class Supervisor:
         Raises:
             ProcessError: A process that is needed has ended, and is not started again.
         """
-        end = time.monotonic() + timeout_s
-        while True:
-            due_s = self._start_again()
-            try:
-                wait_s = min(end, due_s) - time.monotonic()
-                event = self._events.get(wait_s > 0, timeout=max(wait_s, 0.0))
-            except queue.Empty:
-                if time.monotonic() >= end:
-                    return None
-                continue
-            if isinstance(event, Line):
-                return event
-            if isinstance(event, Ended):
-                return self._take_end(event)
-            name, report = event
-            part = self._parts[name]
-            if report.kind == "started":
-                part.has_run, part.begin_s = True, time.monotonic()
-                if name == ROUTER.name:
-                    return Line(name, "the router listens")
-            elif report.kind == "failed":
-                part.error = report.text
-            else:
-                return Line(name, report.text, is_address=True)
+        end_s = time.monotonic() + timeout_s
+        while not self._lines and not self._ended:
+            wait_s = min(end_s, self._start_again()) - time.monotonic()
+            if not self._read(max(wait_s, 0.0)) and time.monotonic() >= end_s:
+                return None
+        return self._lines.popleft() if self._lines else self._take_end(self._ended.popleft())
+
+    def _read(self, timeout_s: float | None) -> bool:
+        """Wait until a process writes or ends; return whether one has done so in time."""
+        sources: dict[Any, _Part] = {
+            source: part for part in self._running for source in (part.log, part.child.sentinel)
+        }
+        ready = wait(sources, timeout_s)
+        for part in dict.fromkeys(sources[source] for source in ready):
+            has_ended = part.child.exitcode is not None
+            data = part.begun + _available(part.log.fileno())
+            *lines, part.begun = (data + b"\n" * has_ended).split(b"\n")
+            for line in lines:
+                self._take_line(part, line.decode(errors="replace").rstrip())
+            if has_ended:
+                part.log.close()
+                self._running.remove(part)
+                self._ended.append(part)
+            if part.child.exitcode == SERVER_ENDED:
+                with suppress(ProcessLookupError):
+                    os.kill(part.child.pid or 0, signal.SIGKILL)
+        return bool(ready)
+
+    def _take_line(self, part: _Part, text: str) -> None:
+        name = part.process.name
+        event = EVENT.match(text)
+        if not text:
+            return
+        if event is None:
+            part.last_line = text
+            if not text.startswith(FAILED):  # told with the end
+                self._lines.append(Line(name, text))
+        elif event[1] == "started":
+            part.has_run, part.begin_s = True, time.monotonic()
+            if name == ROUTER.name:
+                self._lines.append(Line(name, "the router listens"))
+        elif event[1] == "serving":
+            self._lines.append(Line(name, event[2], is_address=True))
 
     def _start_again(self) -> float:
         """Restart the processes that are due; return the monotonic time of the next restart [s]."""
-        now = time.monotonic()
         for part in self._parts.values():
-            if part.restart_s is not None and part.restart_s <= now:
-                part.child = self._spawn(part.process)
-                part.restart_s, part.error = None, ""
-        return min(
-            (p.restart_s for p in self._parts.values() if p.restart_s is not None), default=math.inf
-        )
+            if part.restart_s <= time.monotonic():
+                part.child, part.log = self._fork(part.process)
+                part.begun, part.last_line, part.restart_s = b"", "", math.inf
+                self._running.append(part)
+        return min((part.restart_s for part in self._parts.values()), default=math.inf)
 
-    def _take_end(self, event: Ended) -> Line:
-        part = self._parts[event.name]
-        # the report of a node begins with its name
-        how = _how(event, part.error).removeprefix(f"{event.name}: ")
+    def _take_end(self, part: _Part) -> Line:
+        name, code = part.process.name, part.child.exitcode or 0
         worked_s, part.begin_s = time.monotonic() - part.begin_s, math.inf
+        has_failed = part.last_line.startswith(FAILED)
+        # the error of a node begins with its name
+        how = _how(code, part.last_line.removeprefix(FAILED)).removeprefix(f"{name}: ")
         # an observer that reported an error, such as a full disk, would report the error again
-        hopeless = not part.has_run or (not part.needed and part.error != "")
-        is_wrong = event.code == ConfigError.exit_code  # by the scenario, which stays the same
-        if not self._restart or is_wrong or (event.code and event.code > 0 and hopeless):
+        hopeless = not part.has_run or (not part.needed and has_failed)
+        is_wrong = code == ConfigError.exit_code  # by the scenario, which stays the same
+        if not self._restart or is_wrong or (0 < code != SERVER_ENDED and hopeless):
             if part.needed:
-                raise ProcessError(f"{event.name}: {how}")
-            return Line(event.name, f"{event.name} has ended: {how}; the others go on")
+                raise ProcessError(f"{name}: {how}")
+            return Line(name, f"{name} has ended: {how}; the others go on")
         part.failures = 0 if worked_s >= STEADY_S else part.failures + 1
-        pause_s = 0.0
+        # the system may not have removed a fork server yet that has just ended
+        pause_s = FIRST_PAUSE_S if code == SERVER_ENDED else 0.0
         if part.failures > 1:
             pause_s = min(FIRST_PAUSE_S * 2 ** (part.failures - 2), MAX_PAUSE_S)
         part.restart_s = time.monotonic() + pause_s
         when = f"in {pause_s:g} s" if pause_s else "at once"
-        return Line(event.name, f"{event.name}: {how}; it is started again {when}")
+        return Line(name, f"{name}: {how}; it is started again {when}")
 
     def stop(self) -> list[str]:
         """End all processes; return the names of those that had to be killed.
@@ -229,48 +237,60 @@ class Supervisor:
         Observers end after all others, so that they receive all samples.
         """
         last = {ROUTER.name, *OBSERVERS}
-        killed = [*self._stop(self._parts.keys() - last), *self._stop(self._parts.keys() & last)]
-        for watcher in self._watchers:
-            watcher.join()
-        self._parent.close()
-        return killed
+        return [*self._stop(self._parts.keys() - last), *self._stop(last)]
 
-    def _stop(self, names: Set[str]) -> list[str]:
-        children = {name: self._parts[name].child for name in sorted(names)}
-        children = {name: child for name, child in children.items() if not child.ended.is_set()}
-        for child in children.values():
-            self._parent.signal(child.pid, signal.SIGTERM)
-        killed = []
-        for name, child in children.items():
-            if not child.ended.wait(STOP_TIMEOUT_S):
-                self._parent.signal(child.pid, signal.SIGKILL)
-                child.ended.wait()
-                killed.append(name)
-        return killed
+    def _stop(self, names: Collection[str]) -> list[str]:
+        def running() -> list[_Part]:
+            return [part for part in self._running if part.process.name in names]
 
-    def _watch(self, name: str, child: Child) -> None:
-        last: deque[str] = deque(maxlen=1)
-        reader = threading.Thread(target=self._read, args=(name, child, last), daemon=True)
-        reader.start()
-        while (report := child.next_report()) is not None:
-            self._events.put((name, report))
-        reader.join(LAST_LINES_S)
-        self._events.put(Ended(name, child.code, last[0] if last else ""))
-
-    def _read(self, name: str, child: Child, last: deque[str]) -> None:
-        with child.errors:
-            for line in child.errors:
-                last.append(line.rstrip())
-                self._events.put(Line(name, last[0]))
+        for part in running():
+            part.child.terminate()
+        end_s = time.monotonic() + STOP_TIMEOUT_S
+        while running() and (left_s := end_s - time.monotonic()) > 0.0:
+            self._read(left_s)
+        killed = running()
+        for part in killed:
+            part.child.kill()
+        while running():
+            self._read(None)
+        return sorted(part.process.name for part in killed)
 
 
-def _how(event: Ended, error: str) -> str:
+def _run(process: Process, path: str, settings: tuple[str, ...], log: Connection) -> None:
+    """Run a process in a fork, with its standard error to `log`, until its supervisor ends."""
+    gc.freeze()  # a collection would write to all shared memory
+    os.setsid()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
+    os.dup2(log.fileno(), 2)
+    log.close()
+    Path("/proc/self/comm").write_text(process.name, encoding="utf-8")
+    threading.Thread(target=_end_with_supervisor, daemon=True).start()
+    run_to_exit(process, path, settings)
+
+
+def _end_with_supervisor() -> None:
+    supervisor = parent_process()
+    assert supervisor is not None
+    supervisor.join()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _available(pipe: int) -> bytes:
+    """Read what is in a pipe, without waiting for more."""
+    data = b""
+    with suppress(BlockingIOError):
+        while read := os.read(pipe, READ_BYTES):
+            data += read
+    return data
+
+
+def _how(code: int, last_line: str) -> str:
     """Return in one line how a process has ended."""
-    if event.code is None:
-        return "has ended with the parent of all processes"
-    if event.code < 0:
-        return f"was killed by {signal.Signals(-event.code).name}"
-    return error or event.last_line or f"ended with code {event.code}"
+    if code == SERVER_ENDED:
+        return "has ended with the fork server"
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return last_line or f"ended with code {code}"
 
 
 def private_router(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
@@ -282,42 +302,3 @@ def private_router(protocol: Literal["tcp", "tls"] = "tcp") -> tuple[str, ...]:
         f'bus.connect=["{protocol}/{LOOPBACK}:{free_port()}"]',
         f"bus.namespace=run{secrets.token_hex(4)}",
     )
-
-
-@contextmanager
-def on_one_core() -> Iterator[None]:
-    """Let processes that are started within this context share one core, and take turns on it.
-
-    The parts of a tick in lockstep run one after the other. On one core no process has to be woken
-    on another core, which is the larger part of a hop's time: on several cores a distributed run of
-    `back` makes 29 % fewer ticks a second. The policy for batch processes lets a sender finish
-    sending before a receiver takes over: without this policy the run makes 17 % fewer ticks. A
-    policy that the user has chosen, as with `chrt`, is kept.
-    """
-    is_default = os.sched_getscheduler(0) == os.SCHED_OTHER
-    if is_default:
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    try:
-        with _on({max(os.sched_getaffinity(0))}):
-            yield
-    finally:
-        if is_default:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-
-
-@contextmanager
-def beside_that_core() -> Iterator[None]:
-    """Let threads that are started within this context avoid the core of the processes."""
-    cores = os.sched_getaffinity(0)
-    with _on(cores - {max(cores)} or cores):
-        yield
-
-
-@contextmanager
-def _on(cores: set[int]) -> Iterator[None]:
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, cores)
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)

@@ -15,14 +15,14 @@ from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import to_value
-from mecazen.graph import COLLECTOR, OBSERVERS
+from mecazen.graph import COLLECTOR
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.robots import join_key
 from mecazen.runtime.pace import declare_every
 from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import NS_PER_S
 
-from mecazen_tools.processes import Supervisor, beside_that_core, on_one_core, private_router
+from mecazen_tools.processes import Supervisor, private_router
 from mecazen_tools.simulation import Simulation
 from mecazen_tools.trajectory import Scores, Trajectory
 
@@ -97,7 +97,7 @@ def simulate_distributed(
     scenario = load_scenario(path, parse_settings(settings))
     if len(os.sched_getaffinity(0)) == 1:
         sys.stderr.write("all processes share the only core that this command may use\n")
-    supervisor = Supervisor(path, settings, scenario)
+    supervisor = Supervisor(path, settings)
 
     def show_output() -> None:
         """Show the output of the processes since the last call; raise if one has ended."""
@@ -106,18 +106,12 @@ def simulate_distributed(
 
     with ExitStack() as stack:
         stack.callback(supervisor.stop)
-        with on_one_core():
-            supervisor.start_router()
-        with beside_that_core():
-            bus, trajectory = stack.enter_context(_collector(scenario))
+        supervisor.start_router()
+        bus, trajectory = stack.enter_context(_collector(scenario))
         for process in scenario.process_plan:
             if COLLECTOR not in process.services:
-                # observers, for which no tick waits, avoid the core of the others
-                observes = process.services[0] in OBSERVERS
-                with beside_that_core() if observes else on_one_core():
-                    supervisor.start(process)
-        with beside_that_core():
-            return _collected(name, bus, trajectory, show_output, progress)
+                supervisor.start(process)
+        return _collected(name, bus, trajectory, show_output, progress)
 
 
 def collect(

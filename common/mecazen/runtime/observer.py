@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from mecazen.bus import Bus
 from mecazen.bus.base import Handler
@@ -27,8 +27,6 @@ class Observer(ABC):
         self.scenario = scenario
         self.stamp = Stamp(0, 0, scenario.seed)
         """Stamp of the newest tick received."""
-        self.announce: Callable[[str], None] = lambda _: None
-        """Function called with the address of a page that the service serves."""
         self._ended: deque[int] = deque(maxlen=16)
         self._received: dict[str, Received] = {}
         self._health = Health(name, "", bus, scenario, self._received)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import logging
 import os
 import signal
-import threading
+import sys
 import zlib
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence, Set
-from contextlib import suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing, suppress
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
@@ -19,16 +18,16 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus, next_of
 from mecazen.config import BusConfig, Process, Scenario
-from mecazen.errors import BusError, ConfigError
+from mecazen.errors import BusError, ConfigError, MecazenError
 from mecazen.extras import is_installed
 from mecazen.graph import OBSERVERS, SHARED
+from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.programs import classes, graph_of
 from mecazen.robots import join_key
 from mecazen.runtime.clock import Clock
-from mecazen.runtime.host import Host, Part, part_of
+from mecazen.runtime.host import Host, part_of
 from mecazen.runtime.observer import Observer
 from mecazen.runtime.readiness import announce_readiness
-from mecazen.runtime.report import Report, Reporter
 from mecazen.runtime.worker import Worker
 from mecazen.wire import NS_PER_S
 
@@ -37,15 +36,38 @@ logger = logging.getLogger(__name__)
 SAMPLES_PER_TICK = 10
 """In real time, the number of samples per tick that a router accepts on a key from each link."""
 
+ROUTER = Process(("router",))
+"""The Zenoh router."""
 
-def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> None:
-    """Run the services of a process on Zenoh until a signal ends them.
+FAILED = "error: "
+"""Begin of the line with the error of a process."""
+
+
+def run_to_exit(process: Process, scenario: str, settings: Sequence[str]) -> None:
+    """Run a process of a scenario, given by its name or file; exit with an error in one line."""
+    try:
+        run(process, load_scenario(scenario_path(scenario), parse_settings(settings)))
+    except MecazenError as error:
+        sys.stderr.write(f"{FAILED}{error}\n")
+        sys.exit(error.exit_code)
+
+
+def run(process: Process, scenario: Scenario) -> None:
+    """Run the services of a process, or the router, on Zenoh until a signal ends them.
 
     Raises:
-        ConfigError: A service is named twice.
-        MecazenError: A name is taken, the bus can't be opened, or a service failed.
+        ConfigError: A service does not exist, is named twice, or the scenario does not suit it.
+        MecazenError: A name or a port is taken, the bus can't be opened, or a service failed.
     """
     refuse_missing_ros(scenario.bus)
+    if process.services == ROUTER.services:
+        _run_router(scenario)
+    else:
+        _run_services(process, scenario)
+
+
+def _run_services(process: Process, scenario: Scenario) -> None:
+    first = process.services[0]
     if len(set(process.services)) < len(process.services):
         raise ConfigError(f"{process.name}: each service at most once")
     named = (process.robot,)  # `part_of` refuses a robot's name for a shared service
@@ -55,90 +77,45 @@ def run_process(process: Process, scenario: Scenario, reporter: Reporter) -> Non
         for service in process.services
         for robot in (named if service in SHARED else robots)
     ]
-    for service, robot in parts:
-        part_of(service, scenario, robot)
+    configs = [part_of(service, scenario, robot) for service, robot in parts]
     members: list[Host | Observer] = []
-    log.set_up(
-        process.name,
-        lambda: members[0].stamp.time_ns / NS_PER_S if members else 0.0,
-        reporter.log_level,
-    )
+    log.set_up(process.name, lambda: members[0].stamp.time_ns / NS_PER_S if members else 0.0)
     _refuse_taken_names(parts, scenario.bus)
-    bus = ZenohBus(scenario.bus, name=process.services[0], renamed=scenario.renamed)
+    bus = ZenohBus(scenario.bus, name=first, renamed=scenario.renamed)
     stop_on_signals(bus.stop)
-    ros = None
     try:
-        driver = drive(parts, bus, scenario)
-        put: Callable[..., None] = lambda *_: None  # noqa: E731  # an observer gets no commands
-        if isinstance(driver, Observer):
-            driver.announce = lambda url: reporter.tell(Report("serving", url))
-            members.append(driver)
-        else:
-            members.append(driver.host)
-            put = driver.host.put
-        if scenario.bus.ros2:
-            from mecazen_ros.node import RosNode, RosSession  # noqa: PLC0415  # optional
+        with ExitStack() as exits:
+            exits.callback(bus.close)
+            driver: Observer | Clock | Worker
+            put: Callable[..., None] = lambda *_: None  # noqa: E731  # of an observer
+            if first in OBSERVERS:
+                driver = observe(first, bus, scenario)
+                members.append(driver)
+            else:
+                host = Host(parts, bus, scenario)
+                driver = Worker(host) if host.clock is None else Clock(host)
+                put = host.put
+                members.append(host)
+            exits.callback(members[0].close)
+            if scenario.bus.ros2:
+                from mecazen_ros.node import RosNode, RosSession  # noqa: PLC0415  # optional
 
-            ros = RosSession(scenario.bus, process.services[0], bus, put)
+                ros = exits.enter_context(closing(RosSession(scenario.bus, first, bus, put)))
+                for (service, robot), config in zip(parts, configs, strict=True):
+                    RosNode(ros, service, robot, config)
             for service, robot in parts:
-                RosNode(ros, service, robot, part_of(service, scenario, robot))
-        for service, robot in parts:
-            bus.declare_alive(service, robot)
-        for service, robot in parts:
-            announce_readiness(bus, service, robot, scenario)
-        _set_real_time_priority(process, scenario)
-        logger.info("msg=started mode=%s", scenario.sim.mode)
-        reporter.tell(Report("started"))
-        driver.run()
+                bus.declare_alive(service, robot)
+            for service, robot in parts:
+                announce_readiness(bus, service, robot, scenario)
+            _schedule(process, scenario)
+            logger.info("msg=started mode=%s", scenario.sim.mode)
+            driver.run()
     except StoppedError:
         logger.info("msg=stopped")
-    finally:
-        for member in members:
-            member.close()
-        if ros is not None:
-            ros.close()
-        bus.close()
 
 
-def refuse_missing_ros(config: BusConfig) -> None:
-    """Check that the extra for ROS 2 is installed, if the settings ask for it.
-
-    Raises:
-        BusError: It is not.
-    """
-    if config.ros2 and not is_installed("ros2"):
-        raise BusError("bus.ros2 needs pip install 'mecazen[ros2]'")
-
-
-def drive(parts: Sequence[Part], bus: Bus, scenario: Scenario) -> Clock | Worker | Observer:
-    """Return the driver of a process's services, ready to run.
-
-    Raises:
-        ConfigError: A service does not exist, or the scenario does not suit it.
-    """
-    if parts[0][0] in OBSERVERS:
-        return observe(parts[0][0], bus, scenario)
-    host = Host(parts, bus, scenario)
-    return Worker(host) if host.clock is None else Clock(host)
-
-
-def observe(service: str, bus: Bus, scenario: Scenario) -> Observer:
-    """Return an observer, ready to run; raises as `drive`."""
-    (kind,) = classes(service, scenario).values()
-    assert issubclass(kind, Observer)  # `classes` refuses other types
-    observer = kind(service, bus, scenario)
-    observer.reset(scenario.seed)
-    return observer
-
-
-def run_router(scenario: Scenario, reporter: Reporter) -> None:
-    """Run the router until a signal ends it.
-
-    Raises:
-        BusError: The port is taken, or an endpoint is insecure.
-    """
-    refuse_missing_ros(scenario.bus)
-    log.set_up("router", lambda: 0.0, reporter.log_level)
+def _run_router(scenario: Scenario) -> None:
+    log.set_up("router", lambda: 0.0)
     stopped: SimpleQueue[None] = SimpleQueue()
     stop_on_signals(partial(stopped.put, None))
     sim = scenario.sim
@@ -153,8 +130,30 @@ def run_router(scenario: Scenario, reporter: Reporter) -> None:
         renamed=scenario.renamed,
     ):
         logger.info("msg=started endpoints=%s", ",".join(scenario.bus.router_endpoints or ()))
-        reporter.tell(Report("started"))
         next_of(stopped)
+
+
+def refuse_missing_ros(config: BusConfig) -> None:
+    """Check that the extra for ROS 2 is installed, if the settings ask for it.
+
+    Raises:
+        BusError: It is not.
+    """
+    if config.ros2 and not is_installed("ros2"):
+        raise BusError("bus.ros2 needs pip install 'mecazen[ros2]'")
+
+
+def observe(service: str, bus: Bus, scenario: Scenario) -> Observer:
+    """Return an observer, ready to run.
+
+    Raises:
+        ConfigError: Its class does not exist, or is no observer.
+    """
+    (kind,) = classes(service, scenario).values()
+    assert issubclass(kind, Observer)  # `classes` refuses other types
+    observer = kind(service, bus, scenario)
+    observer.reset(scenario.seed)
+    return observer
 
 
 def stop_on_signals(stop: Callable[[], None]) -> None:
@@ -163,59 +162,31 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
         signal.signal(number, lambda *_: stop())
 
 
-def _set_real_time_priority(process: Process, scenario: Scenario) -> None:
-    """Give the process real-time priority and a core of its stack, if the system permits it.
+def _schedule(process: Process, scenario: Scenario) -> None:
+    """Give all threads a scheduling policy and the core of their stack, if the system permits it.
 
-    ros2_control's controller manager does the same. The processes of a stack share one core: they
-    take turns anyway, and waking a process on another core takes longer than waiting. Threads
-    that start later inherit both settings. In lockstep, or faster than real time, a process may
-    never sleep and would block all others, so it gets no priority.
+    The processes of a stack take turns anyway, and waking one on another core takes longer than
+    waiting. On one core, `mecazen up back` takes 23 % less processor time, and a distributed run
+    makes 22 % more ticks a second. Stacks choose cores by a hash of their endpoints and namespace.
+
+    In real time the policy is real-time priority, as for ros2_control's controller manager. Faster
+    than real time, a process may never sleep and would block all others. In lockstep the policy for
+    batch processes lets a sender finish before a receiver takes over, for 12 % more ticks.
     """
     table = graph_of(scenario).services
     priority = max((row.priority for s in process.services for row in table.get(s, ())), default=0)
-    if not priority or scenario.sim.mode == "lockstep" or scenario.sim.speed > 1.0:
+    if not priority or (scenario.sim.mode == "real_time" and scenario.sim.speed > 1.0):
         return
-    core = _core_of(scenario.bus)
+    policy = os.SCHED_RR
+    if scenario.sim.mode == "lockstep":
+        policy, priority = os.SCHED_BATCH, 0
+    cores = sorted(os.sched_getaffinity(0))
+    stack = f"{scenario.bus.router_endpoints} {scenario.bus.namespace}"
+    core = cores[zlib.crc32(stack.encode()) % len(cores)]
     for path in Path("/proc/self/task").iterdir():
         with suppress(PermissionError, ProcessLookupError):  # a thread may just have ended
-            os.sched_setscheduler(int(path.name), os.SCHED_RR, os.sched_param(priority))
+            os.sched_setscheduler(int(path.name), policy, os.sched_param(priority))
             os.sched_setaffinity(int(path.name), {core})
-
-
-def _core_of(bus: BusConfig) -> int:
-    """Return the core of a stack.
-
-    The order of the cores is by a hash of the stack's endpoints and namespace. So processes that
-    look at the same time, or do not see each other, choose the same core.
-    """
-    cores = sorted(os.sched_getaffinity(0))
-    first = zlib.crc32(f"{bus.router_endpoints} {bus.namespace}".encode()) % len(cores)
-    return choose_core(cores[first:] + cores[:first], _real_time_processes(), os.getppid())
-
-
-def choose_core(cores: Sequence[int], others: Iterable[tuple[int, Set[int]]], parent: int) -> int:
-    """Return the core of the processes with the same parent, else the first of the freest cores.
-
-    Args:
-        cores: Cores to choose from.
-        others: Parent and cores of each other process with real-time priority.
-        parent: Parent of this process.
-    """
-    taken: Counter[int] = Counter()
-    for other, its_cores in others:
-        if other == parent and len(its_cores) == 1 and its_cores <= set(cores):
-            return next(iter(its_cores))
-        taken.update(its_cores)
-    return min(cores, key=taken.__getitem__)
-
-
-def _real_time_processes() -> Iterator[tuple[int, Set[int]]]:
-    """Yield parent and cores of each process with real-time priority."""
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it may just have ended
-            if os.sched_getscheduler(int(folder.name)) == os.SCHED_RR:
-                parent = (folder / "stat").read_text().rpartition(")")[2].split()[1]
-                yield int(parent), os.sched_getaffinity(int(folder.name))
 
 
 def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None:
@@ -237,18 +208,3 @@ def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None
                 raise BusError(f"another {name} is already running on this bus")
     finally:
         bus.close()
-
-
-def end_with_stdin() -> None:
-    """Send SIGTERM to this process when standard input closes.
-
-    Standard input also closes when the parent process dies, for any reason.
-    """
-
-    def wait() -> None:
-        # a thread that waits in sys.stdin would hold its lock at the process's exit
-        while os.read(0, 4096):
-            pass
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=wait, daemon=True).start()

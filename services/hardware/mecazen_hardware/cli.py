@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 import msgspec
 import typer
-from mecazen.config import HardwareConfig
+from mecazen.config import HardwareConfig, Process
 from mecazen.loading import given_file, load_table
 from mecazen.robot import WHEELS, Robot
-from mecazen.runtime.__main__ import run as run_service
+from mecazen.runtime import process
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
 
 from mecazen_hardware import checklist, fuzzing
@@ -108,7 +108,7 @@ def run(
     Example: mecazen hardware run teleop --dry-run --set 'services=["hardware","controller"]'
     """
     overrides = [*(settings or ()), *(["hardware.dry_run=true"] if dry_run else [])]
-    run_service("hardware", load(scenario, overrides))
+    process.run(Process(("hardware",)), load(scenario, overrides))
 
 
 @app.command()

@@ -90,7 +90,6 @@ class ViewerService(Observer):
         with serving(self.config, blueprint(self.scenario.names)) as server:
             self.send = server.take
             logger.info("msg=serving url=%s", server.url)
-            self.announce(server.url)
             try:
                 while True:
                     self.bus.spin_once()

@@ -10,13 +10,13 @@ from typing import Annotated
 
 import msgspec
 import typer
-from mecazen.config import BusConfig
+from mecazen.config import BusConfig, Process
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.explain import one_line
 from mecazen.extras import is_installed
 from mecazen.loading import to_toml
-from mecazen.runtime import __main__ as runtime
+from mecazen.runtime import process
 from mecazen.schema import Folder
 
 from mecazen_tools.cli import graph, sim, simulate, status, talk, teleop, up
@@ -142,7 +142,7 @@ def run(
     Examples: mecazen run router back · mecazen run physics back ·
     mecazen run controller+follower back
     """
-    runtime.run(service, load(scenario, settings), robot)
+    process.run(Process(tuple(service.split("+")), robot), load(scenario, settings))
 
 
 @app.command()

@@ -101,7 +101,7 @@ def up(
     if has_viewer and VIEWER not in loaded.services:
         plan.append((Process((VIEWER,)), False))
     console = Console()
-    supervisor = Supervisor(path, tuple(overrides), loaded, restart=restart)
+    supervisor = Supervisor(path, overrides, restart=restart)
     interrupted = interrupt_on_signals()
     ports = "; the usual ports are taken, so it takes free ones" if moved else ""
     begin = f"[bold]mecazen[/] starts scenario [bold]{escape(path.stem)}[/] ({escape(str(path))})"
