@@ -64,7 +64,7 @@ class Net:
     def report(self, service, values, name=""):
         pairs = tuple(KeyValue(key=key, value=value) for key, value in values.items())
         array = DiagnosticArray(status=(DiagnosticStatus(name=name, values=pairs),))
-        self.handlers["diagnostics/*"](f"diagnostics/{service}", encode(array), "", None)
+        self.handlers["**/diagnostics/*"](f"diagnostics/{service}", encode(array), "", None)
 
 
 def status_of(reports=REPORTS, **net):

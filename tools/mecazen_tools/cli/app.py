@@ -18,6 +18,7 @@ from mecazen.extras import is_installed
 from mecazen.loading import to_toml
 from mecazen.runtime import process
 from mecazen.schema import Folder
+from typer import Argument, Option
 
 from mecazen_tools.cli import graph, sim, simulate, status, talk, teleop, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load
@@ -43,10 +44,7 @@ EXTRAS = {
     "bench": {"bench": "mecazen_bench.cli:app"},
 }
 """Commands of extras: a function or a group of commands, by extra and by name."""
-CONNECTED = (
-    *("topics", "status", "echo", "pub", "teleop", "sim", "param"),
-    *("record", "replay"),
-)
+CONNECTED = (*("topics", "status", "echo", "pub", "teleop", "sim", "param"), *("record", "replay"))
 """Commands that connect to a simulation."""
 CONNECTION = ("--connect", "--namespace", "--tls")
 """Their options, which come before the command."""
@@ -91,23 +89,22 @@ def connect_to(
     context: typer.Context,
     connect: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="ENDPOINT",
             help="The Zenoh router to connect to.",
             show_default=f"{ROUTER}, or {SECURE_ROUTER} with --tls",
         ),
     ] = None,
-    namespace: Annotated[str | None, typer.Option(help="The robot's Zenoh namespace.")] = None,
+    namespace: Annotated[str | None, Option(help="The robot's Zenoh namespace.")] = None,
     tls: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="DIR",
             help="A folder of `mecazen keys create`: connect by TLS, as the operator.",
         ),
     ] = None,
     version: Annotated[
-        bool,
-        typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
+        bool, Option("--version", help="Print the version.", callback=_show_version, is_eager=True)
     ] = False,
 ) -> None:
     """Keep where the command finds a simulation; the help of `mecazen` is the application's."""
@@ -128,13 +125,13 @@ def connect_to(
 def run(
     service: Annotated[
         str,
-        typer.Argument(
+        Argument(
             help="A service of the scenario (physics, controller, …), several joined by +, "
-            "or router.",
+            "or router."
         ),
     ],
     scenario: ScenarioArgument,
-    robot: Annotated[str, typer.Option(metavar="NAME", help="The robot, of several.")] = "",
+    robot: Annotated[str, Option(metavar="NAME", help="The robot, of several.")] = "",
     settings: Settings = None,
 ) -> None:
     """Run one process in this terminal, until Ctrl-C.
@@ -159,11 +156,11 @@ def _group() -> None:
 @certificates_app.command()
 def create(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="A new folder; keep it to yourself.")
+        Path, Argument(metavar="DIR", help="A new folder; keep it to yourself.")
     ] = Path("keys"),
     host: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="NAME_OR_IP",
             help="A host that services listen on, besides loopback. Repeatable.",
         ),

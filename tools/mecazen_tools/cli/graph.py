@@ -19,6 +19,7 @@ from mecazen.row import Row
 from msgspec.structs import fields
 from rich.table import Column, Table
 from rich.text import Text
+from typer import Argument, Option
 
 from mecazen_tools.cli.options import Settings, console, fitting, load, receive, tool_bus
 
@@ -92,8 +93,7 @@ def _rate(graph: Graph, topic: Topic[Any]) -> str:
 
 def graph(
     scenario: Annotated[
-        str | None,
-        typer.Argument(metavar="[SCENARIO]", help="Its nodes; left out, all that there are."),
+        str | None, Argument(metavar="[SCENARIO]", help="Its nodes; left out, all that there are.")
     ] = None,
     settings: Settings = None,
 ) -> None:
@@ -130,11 +130,9 @@ def topics(
     context: typer.Context,
     scenario: Annotated[
         str | None,
-        typer.Argument(metavar="[SCENARIO]", help="Whose nodes, with their own topics as well."),
+        Argument(metavar="[SCENARIO]", help="Whose nodes, with their own topics as well."),
     ] = None,
-    live: Annotated[
-        bool, typer.Option("--live", help=f"Measure the rates for {LIVE_S:g} s.")
-    ] = False,
+    live: Annotated[bool, Option("--live", help=f"Measure the rates for {LIVE_S:g} s.")] = False,
 ) -> None:
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
     loaded = DEFAULTS if scenario is None else load(scenario, None)

@@ -20,10 +20,11 @@ from mecazen.loading import (
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+from typer import Argument, Option
 
 ScenarioArgument = Annotated[
     str,
-    typer.Argument(
+    Argument(
         metavar="SCENARIO",
         envvar=SCENARIO_VARIABLE,
         help="A scenario's name in configs/scenarios (back, side, teleop, …) or a TOML file.",
@@ -31,7 +32,7 @@ ScenarioArgument = Annotated[
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--set",
         metavar="KEY=VALUE",
         envvar=SETTINGS_VARIABLE,

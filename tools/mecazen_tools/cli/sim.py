@@ -24,6 +24,7 @@ from mecazen.messages import (
 from mecazen.wire import NS_PER_S
 from rich.table import Table
 from rich.text import Text
+from typer import Argument, Option
 
 from mecazen_tools.cli.options import console, fitting, tool_bus
 
@@ -39,10 +40,7 @@ param_app = typer.Typer(
 
 
 def _show_state(
-    context: typer.Context,
-    call: Call[Any, SimState],
-    request: Message,
-    timeout_s: float = 10.0,
+    context: typer.Context, call: Call[Any, SimState], request: Message, timeout_s: float = 10.0
 ) -> None:
     with tool_bus(context) as bus:
         typer.echo(msgspec.json.encode(bus.call(call, request, timeout_s)).decode())
@@ -63,7 +61,7 @@ def resume(context: typer.Context) -> None:
 @app.command(context_settings=NEGATIVE_NUMBERS)
 def step(
     context: typer.Context,
-    ticks: Annotated[int, typer.Argument(min=1, max=10**9, help="Ticks to simulate.")] = 1,
+    ticks: Annotated[int, Argument(min=1, max=10**9, help="Ticks to simulate.")] = 1,
 ) -> None:
     """Simulate some ticks while paused, and wait for them."""
     _show_state(context, keys.SIM_STEP, StepRequest(ticks=ticks), STEP_TIMEOUT_S)
@@ -73,8 +71,7 @@ def step(
 def reset(
     context: typer.Context,
     seed: Annotated[
-        int | None,
-        typer.Option(min=0, max=2**32 - 1, help="A new seed.", show_default="the old one"),
+        int | None, Option(min=0, max=2**32 - 1, help="A new seed.", show_default="the old one")
     ] = None,
 ) -> None:
     """Put robot, person and time back to the start, in place."""
@@ -85,7 +82,7 @@ def reset(
 def speed(
     context: typer.Context,
     factor: Annotated[
-        float, typer.Argument(min=0.01, max=1000.0, help="Simulated seconds per wall second.")
+        float, Argument(min=0.01, max=1000.0, help="Simulated seconds per wall second.")
     ],
 ) -> None:
     """Run faster or slower than real time."""
@@ -111,9 +108,9 @@ def _ask(context: typer.Context, call: Call[RequestT, AnswerT], request: Request
 def list_(
     context: typer.Context,
     section: Annotated[
-        str, typer.Argument(metavar="[SECTION]", help="One section only, e.g. follower.")
+        str, Argument(metavar="[SECTION]", help="One section only, e.g. follower.")
     ] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")] = False,
+    as_json: Annotated[bool, Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
     """Show what can be changed: value, unit, and what is allowed.
 
@@ -140,9 +137,7 @@ def list_(
 @param_app.command()
 def get(
     context: typer.Context,
-    names: Annotated[
-        list[str], typer.Argument(metavar="NAME...", help="E.g. follower.standoff_m.")
-    ],
+    names: Annotated[list[str], Argument(metavar="NAME...", help="E.g. follower.standoff_m.")],
 ) -> None:
     """Print values, as --set takes them.
 
@@ -158,7 +153,7 @@ def set_(
     context: typer.Context,
     settings: Annotated[
         list[str],
-        typer.Argument(
+        Argument(
             metavar="NAME=VALUE...",
             help="A parameter and its value as --set takes them; an empty value leaves it out. "
             "Several are changed together, or none of them.",

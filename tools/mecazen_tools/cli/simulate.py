@@ -17,6 +17,7 @@ from mecazen.loading import scenario_path
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from typer import Option
 
 from mecazen_tools import INTERRUPTED, drawing, files
 from mecazen_tools import simulate as runs
@@ -27,38 +28,33 @@ from mecazen_tools.trajectory import Scores, Trajectory
 RECORDER = "recorder"
 
 TrajectoryFile = Annotated[
-    Path | None,
-    typer.Option("--trajectory", metavar="FILE.csv", help="Write every tick."),
+    Path | None, Option("--trajectory", metavar="FILE.csv", help="Write every tick.")
 ]
 PictureFile = Annotated[
     Path | None,
-    typer.Option(
-        "--plot", metavar="FILE", help="Draw the run: PNG, SVG or PDF.", show_default=False
-    ),
+    Option("--plot", metavar="FILE", help="Draw the run: PNG, SVG or PDF.", show_default=False),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+AsJson = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 
 
 def simulate(
     scenario: ScenarioArgument,
     seed: Annotated[
         int | None,
-        typer.Option(
-            min=0, max=2**32 - 1, help="Seed of the noise.", show_default="the scenario's"
-        ),
+        Option(min=0, max=2**32 - 1, help="Seed of the noise.", show_default="the scenario's"),
     ] = None,
     duration_s: Annotated[
         float | None,
-        typer.Option("--duration", min=0, help="Simulated seconds.", show_default="the scenario's"),
+        Option("--duration", min=0, help="Simulated seconds.", show_default="the scenario's"),
     ] = None,
     distributed: Annotated[
-        bool, typer.Option("--distributed", help="As processes over Zenoh; the result is the same.")
+        bool, Option("--distributed", help="As processes over Zenoh; the result is the same.")
     ] = False,
     trajectory: TrajectoryFile = None,
     plot: PictureFile = None,
     record: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="FILE.mcap",
             help="Record everything: the same as services with recorder, and recorder.file.",
         ),

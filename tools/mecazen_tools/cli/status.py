@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 import typer
@@ -23,6 +22,7 @@ from rich.console import Group
 from rich.live import Live
 from rich.table import Column, Table
 from rich.text import Text
+from typer import Option
 
 from mecazen_tools.cli.options import console, fitting, receive, tool_bus
 from mecazen_tools.strays import scenario_at
@@ -83,14 +83,9 @@ class Status(msgspec.Struct, frozen=True):
 
 
 class Diagnostics:
-    """The newest report of each service, by the name in its key, which access control guards.
+    """The newest report of each service, by the name in its key, which access control guards."""
 
-    Args:
-        bus: The bus of all robots.
-        robots: Their names; without them, those of the scenario once its clock answers `status`.
-    """
-
-    def __init__(self, bus: ZenohBus, robots: Iterable[str] = ()) -> None:
+    def __init__(self, bus: ZenohBus) -> None:
         self._bus = bus
         self.reports: dict[str, Report] = {}
         self.time_s = 0.0
@@ -98,9 +93,8 @@ class Diagnostics:
         self._begin_s = time.monotonic()
         self._arrived_s: dict[str, float] = {}
         self._parts: Sequence[str] = ()
-        """The services of the scenario."""
-        for robot in dict.fromkeys(("", *robots)):
-            self._subscribe(robot)
+        """The services of the scenario, once its clock answers `status`."""
+        bus.subscribe_bytes(f"**/{keys.diagnostics('*').key}", self._take)
 
     def age_s(self, service: str) -> float:
         """Return the wall time since a service's newest report, or without one since the start."""
@@ -114,7 +108,13 @@ class Diagnostics:
             with suppress(BusError):  # physics is starting, gone or frozen
                 sim = self._bus.call(keys.SIM_STATE, Empty(), ANSWER_S)
         if sim is not None and not self._parts:
-            self._join(scenario_at(self._bus))
+            scenario = scenario_at(self._bus)
+            robots = [robot["name"] for robot in scenario.get("robots", ())] or [""]
+            self._parts = [
+                join_key(part, robot)
+                for part in scenario.get("services", ())
+                for robot in (("",) if part in SHARED else robots)
+            ]
         self._bus.drain()
         names = {name for name in (*alive, *self.reports) if not name.endswith("/ready")}
         services = {
@@ -128,33 +128,18 @@ class Diagnostics:
         alive = [part for part in self._parts if status.services[part].state != "gone"]
         return self.reports.keys() >= set(alive)
 
-    def _subscribe(self, robot: str) -> None:
-        key = join_key(keys.diagnostics("*").key, robot)
-        self._bus.subscribe_bytes(key, partial(self._take, robot))
-
-    def _take(self, robot: str, key: str, payload: bytes, encoding: str, _: bytes | None) -> None:
+    def _take(self, key: str, payload: bytes, encoding: str, _: bytes | None) -> None:
         try:
             array = decode(payload, DiagnosticArray, encoding)
         except RefusedError as refusal:
             self._bus.refuse(key, str(refusal))
             return
-        service = join_key(key.removeprefix(join_key(keys.diagnostics("").key, robot)), robot)
+        service = key.replace(keys.diagnostics("").key, "")  # with the robot's name before it
         self.reports[service] = {
             pair.key: pair.value for status in array.status for pair in status.values
         }
         self._arrived_s[service] = time.monotonic()
         self.time_s = array.header.stamp.ns / NS_PER_S
-
-    def _join(self, scenario: Mapping[str, Any]) -> None:
-        """Subscribe to the reports of a scenario, given as tables."""
-        robots = [robot["name"] for robot in scenario.get("robots", ())] or [""]
-        self._parts = [
-            join_key(part, robot)
-            for part in scenario.get("services", ())
-            for robot in (("",) if part in SHARED else robots)
-        ]
-        for robot in filter(None, robots):
-            self._subscribe(robot)
 
     def _service(self, name: str, alive: set[str], stale_s: float) -> ServiceStatus:
         report = self.reports.get(name, {})
@@ -249,9 +234,7 @@ def _headline(status: Status) -> str:
 
 def status(
     context: typer.Context,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object, and end.")
-    ] = False,
+    as_json: Annotated[bool, Option("--json", help="Print one JSON object, and end.")] = False,
 ) -> None:
     """Show how all services are, until Ctrl-C: who is alive, what each hears, what went wrong.
 

@@ -17,6 +17,7 @@ from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
 from mecazen.text import printable, unknown_fields
 from mecazen.wire import JSON_ENCODING, STAMPED, RefusedError, decode
+from typer import Argument, Option
 
 from mecazen_tools.cli.options import receive, tool_bus
 from mecazen_tools.strays import absent, ignored, mistake, unknown_to
@@ -27,10 +28,9 @@ SILENCE_S = 2.0
 
 def echo(
     context: typer.Context,
-    key: Annotated[str, typer.Argument(help="A key, or an expression such as 'target/**'.")],
+    key: Annotated[str, Argument(help="A key, or an expression such as 'target/**'.")],
     count: Annotated[
-        int | None,
-        typer.Option(min=1, help="End after so many samples.", show_default="until Ctrl-C"),
+        int | None, Option(min=1, help="End after so many samples.", show_default="until Ctrl-C")
     ] = None,
 ) -> None:
     """Print the samples of a key as JSON, one a line, whatever encoding they came in.
@@ -59,17 +59,16 @@ def echo(
 
 def pub(
     context: typer.Context,
-    key: Annotated[str, typer.Argument(help="A key, e.g. cmd_vel.")],
+    key: Annotated[str, Argument(help="A key, e.g. cmd_vel.")],
     message: Annotated[
-        str, typer.Argument(metavar="JSON", help='Its message, e.g. \'{"linear":{"x":0.2}}\'.')
+        str, Argument(metavar="JSON", help='Its message, e.g. \'{"linear":{"x":0.2}}\'.')
     ],
     rate: Annotated[
-        float | None,
-        typer.Option(metavar="HZ", min=0.01, max=1000, help="Repeat.", show_default="once"),
+        float | None, Option(metavar="HZ", min=0.01, max=1000, help="Repeat.", show_default="once")
     ] = None,
     duration: Annotated[
         float | None,
-        typer.Option(metavar="S", min=0, help="Stop repeating.", show_default="until Ctrl-C"),
+        Option(metavar="S", min=0, help="Stop repeating.", show_default="until Ctrl-C"),
     ] = None,
 ) -> None:
     """Publish a message given in JSON, once or at a rate.

@@ -25,6 +25,7 @@ from mecazen.text import printable
 from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
+from typer import Option
 
 from mecazen_tools import driving
 from mecazen_tools.cli.options import tool_bus
@@ -144,13 +145,13 @@ class Remote:
 
 def teleop(
     context: typer.Context,
-    person: Annotated[bool, typer.Option("--person", help="Walk the person instead.")] = False,
-    robot: Annotated[str, typer.Option(metavar="NAME", help="The robot, of several.")] = "",
+    person: Annotated[bool, Option("--person", help="Walk the person instead.")] = False,
+    robot: Annotated[str, Option(metavar="NAME", help="The robot, of several.")] = "",
     speed: Annotated[
-        float, typer.Option(metavar="M_S", min=0.01, max=10, help="Along the ground, at 100 %.")
+        float, Option(metavar="M_S", min=0.01, max=10, help="Along the ground, at 100 %.")
     ] = 0.3,
     turn: Annotated[
-        float, typer.Option(metavar="RAD_S", min=0.01, max=10, help="About itself, at 100 %.")
+        float, Option(metavar="RAD_S", min=0.01, max=10, help="About itself, at 100 %.")
     ] = 0.6,
 ) -> None:
     """Drive a robot by keyboard, and by a gamepad where one is: it moves while a key is held.

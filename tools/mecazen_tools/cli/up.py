@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
 from mecazen import keys
 from mecazen.bus.ports import free_port, is_free
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -34,6 +33,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
+from typer import Option
 
 from mecazen_tools.cli.options import ScenarioArgument, Settings
 from mecazen_tools.cli.status import LATE_S, WARNING, Diagnostics, number
@@ -51,22 +51,20 @@ def up(
     scenario: ScenarioArgument,
     viewer: Annotated[
         Literal["web", "native"],
-        typer.Option(help="Where it is shown: a page for the browser, or Rerun's own window too."),
+        Option(help="Where it is shown: a page for the browser, or Rerun's own window too."),
     ] = "web",
     no_viewer: Annotated[
-        bool, typer.Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
+        bool, Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
     ] = False,
     restart: Annotated[
-        bool, typer.Option("--restart", help="Start a process again that fails or is killed.")
+        bool, Option("--restart", help="Start a process again that fails or is killed.")
     ] = False,
     processes: Annotated[
         int | None,
-        typer.Option(
-            min=1, max=1, help="1: all services in one process.", show_default="the scenario's"
-        ),
+        Option(min=1, max=1, help="1: all services in one process.", show_default="the scenario's"),
     ] = None,
     ros2: Annotated[
-        bool, typer.Option("--ros2", help="The services are ROS 2 nodes as well, for rmw_zenoh.")
+        bool, Option("--ros2", help="The services are ROS 2 nodes as well, for rmw_zenoh.")
     ] = False,
     settings: Settings = None,
 ) -> None:
@@ -110,7 +108,7 @@ def up(
         if not shares_router:
             supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client", renamed=loaded.renamed)) as bus:
-            diagnostics = Diagnostics(bus, loaded.names)
+            diagnostics = Diagnostics(bus)
             for process, needed in plan:
                 supervisor.start(process, needed=needed)
             _introduce(console, loaded, supervisor.pids)
