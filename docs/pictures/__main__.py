@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from docs.pictures import charts, gallery, guarded, hero, rollers, terminal, viewer
+from docs.pictures import charts, gallery, guarded, hero, rollers, viewer
 
 DOCS = Path(__file__).parents[1]
 PICTURES: dict[str, Callable[[Path], None]] = {
@@ -27,7 +27,6 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "figures/rollers.png": rollers.draw,
     "figures/sensors.png": gallery.sensors,
     "figures/table2.png": charts.table2,
-    "figures/terminal.webp": terminal.draw,
     "senses.png": partial(viewer.scene, scenario="senses", at_s=7.0),
     "viewer.png": partial(viewer.views, scenario="side", at_s=37.0),
 }
