@@ -99,7 +99,7 @@ class Inputs:
     def refuse(self, topic: Topic[Any], reason: str) -> None:
         """Refuse a message: drop it, count it and report the reason."""
         self.refused.append((topic, reason))
-        self.samples = {other: m for other, m in self.samples.items() if other is not topic}
+        self.samples = {key: m for key, m in self.samples.items() if key is not topic}
 
 
 class Node(ABC):

@@ -35,7 +35,6 @@ STAMPED: Mapping[type[Message], str] = {Twist: "twist"}
 """Messages that are accepted as a part of ROS's stamped message too, with the name of that part."""
 
 _STAMP = struct.Struct("<qII")
-_REVISED = struct.Struct("<qIII")
 _ENCODER = msgspec.json.Encoder()
 _fields_of = msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
 
@@ -50,8 +49,6 @@ class Stamp(NamedTuple):
     time_ns: int
     run: int
     seed: int
-    revision: int = 0
-    """Number of parameter changes up to this tick; see `mecazen.parameters`."""
 
     @property
     def time(self) -> Time:
@@ -61,14 +58,10 @@ class Stamp(NamedTuple):
     def pack(self) -> bytes:
         """Return the stamp as a Zenoh attachment: int64 ns, uint32, uint32.
 
-        Another uint32 follows if parameters have been changed.
-
         >>> Stamp(10_000_000, run=1, seed=2).pack().hex(" ", 4)
         '80969800 00000000 01000000 02000000'
         """
-        if self.revision:
-            return _REVISED.pack(*self)
-        return _STAMP.pack(self.time_ns, self.run, self.seed)
+        return _STAMP.pack(*self)
 
     @classmethod
     def unpack(cls, attachment: bytes) -> Stamp:
@@ -77,11 +70,9 @@ class Stamp(NamedTuple):
         Raises:
             RefusedError: The length is wrong, or `Time` can't represent the time.
         """
-        is_revised = len(attachment) == _REVISED.size and any(attachment[_STAMP.size :])
-        form = _REVISED if is_revised else _STAMP
-        if len(attachment) != form.size:
+        if len(attachment) != _STAMP.size:
             raise RefusedError(f"attachment of {len(attachment)} bytes, a stamp has {_STAMP.size}")
-        stamp = cls(*form.unpack(attachment))
+        stamp = cls(*_STAMP.unpack(attachment))
         if not 0 <= stamp.time_ns <= MAX_TIME_NS:
             raise RefusedError(f"attachment with the time {stamp.time_ns} ns")
         return stamp

@@ -208,16 +208,15 @@ def node():
     rig = Rig("follower", scenario, kinds={"follower": Follower})
     steps = rig.node.steps
 
-    def put(tick, revision=0, run=1, topic=keys.ODOM, message=ODOMETRY):
-        rig.put(topic, message, rig.at(tick, run)._replace(revision=revision))
+    def put(tick, run=1, topic=keys.ODOM, message=ODOMETRY):
+        rig.put(topic, message, rig.at(tick, run))
         made = [*steps]
         steps.clear()
         return made
 
-    def change(tick, revision, run=1, **settings):
+    def change(tick, run=1, **settings):
         values = tuple(m.Parameter(f"follower.{key}", text) for key, text in settings.items())
-        message = m.Parameters(revision=revision, parameters=values)
-        return put(tick, revision, run, keys.PARAMETERS, message)
+        return put(tick, run, keys.PARAMETERS, m.Parameters(parameters=values))
 
     put.rig, put.change = rig, change
     return put
@@ -225,46 +224,25 @@ def node():
 
 def test_a_change_counts_from_its_tick_on_however_early_it_is_known(node):
     assert node(4)[-1] == (4, 1.0)
-    node.change(6, 1, standoff_m="2")
+    node.change(6, standoff_m="2")
     assert [node(5), node(6), node(7)] == [[(5, 1.0)], [(6, 2.0)], [(7, 2.0)]]
-    node.change(8, 1, standoff_m="3")  # said again, for those who come late
-    assert node(8) == [(8, 2.0)]
+    node.change(8, standoff_m="2")  # repeated for those who come late
+    assert [node(8), node(9)] == [[(8, 2.0)], [(9, 2.0)]]
+    assert node(0, run=2) == ["reset", (0, 2.0)]
 
 
-def test_a_step_waits_for_the_parameters_that_count_in_its_tick(node):
+def test_a_new_run_of_a_restarted_clock_has_no_changes(node):
     node(4)
-    assert [node(5, 1), node(6, 2)] == [[], []]
-    assert node.change(5, 1, standoff_m="2") == [(5, 2.0)]
-    assert node.change(6, 2, standoff_m="3") == [(6, 3.0)]
-    # a service that joins late hears of a later tick
-    assert node(7, 3) == []
-    assert node.change(100, 3, standoff_m="4") == [(7, 4.0)]
-
-
-def test_a_stamp_that_lies_about_changes_costs_no_more_than_its_own_step(node):
-    node(4)
-    assert [node(5, 2**32 - 1), node(6)] == [[], [(6, 1.0)]]
-
-
-def test_what_counts_from_the_first_tick_of_a_run_is_there_when_it_begins(node):
-    assert node(0, 1) == ["reset", "reset"]  # of the service, and of the run
-    assert node.change(0, 1, standoff_m="2") == ["reset", (0, 2.0)]
-    assert node(0, 1, run=2) == ["reset", (0, 2.0)]
-
-
-def test_when_who_owns_time_has_begun_anew_changes_are_forgotten(node):
-    node(4)
-    node.change(5, 1, standoff_m="2")
-    assert node(5, 1) == [(5, 2.0)]
-    assert node(0, 0, run=2) == ["reset", (0, 1.0)]
-    node.change(1, 1, run=2, standoff_m="3")
-    assert node(1, 1, run=2) == [(1, 3.0)]
+    node.change(5, standoff_m="2")
+    assert node(5) == [(5, 2.0)]
+    node.change(0, run=2)
+    assert node(0, run=2)[-1] == (0, 1.0)
 
 
 def test_a_change_that_is_not_allowed_or_has_no_stamp_is_not_taken(node):
     node(4)
-    node.change(5, 1, standoff_m="-1")
-    node.change(5, 1, nothing="1")
-    node.rig.bus.put_bytes("sim/parameters", b'{"revision":7}')
+    node.change(5, standoff_m="-1")
+    node.change(5, nothing="1")
+    node.rig.bus.put_bytes("sim/parameters", b"{}")
     assert node(5) == [(5, 1.0)]
     assert node.rig.bus.refused == {"sim/parameters": 2}

@@ -50,7 +50,7 @@ class Toy:
             bus=bus,
             next_run=None,
             has_news=False,
-            knows=lambda stamp: stamp.revision == 0,
+            apply_changes=lambda _: None,
             revise=self.loop.revise,
             report_if_due=lambda: None,
         )

@@ -191,8 +191,6 @@ class Parameters(_MecazenMessage):
     """Changes of the configuration since the start, the last change last."""
 
     header: Header = Header()
-    revision: UInt32 = 0
-    """Number of changes so far; stamps have this number from the first tick with the changes on."""
     parameters: tuple[Parameter, ...] = ()
 
 

@@ -11,7 +11,7 @@ from mecazen import keys
 from mecazen.bus import Reply
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, StepTimeoutError
-from mecazen.graph import OBSERVERS
+from mecazen.graph import COLLECTOR, OBSERVERS
 from mecazen.loading import to_toml
 from mecazen.loop import Slot
 from mecazen.messages import (
@@ -69,6 +69,12 @@ class Clock:
         self.step_reply: Reply[SimState] | None = None
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
         bus = host.bus
+        self._others = [
+            join_key(*part)
+            for part in host.scenario.parts
+            if part not in host.parts and part[0] not in (*OBSERVERS, COLLECTOR)
+        ]
+        """The services of other processes that take turns."""
         self.pace = Pace(bus, self.scenario.sim.answer_timeout_s)
         self._parameters = bus.publisher(keys.PARAMETERS)
         for name in {key.partition(".")[0] for key in parameters(self.scenario)}:
@@ -84,7 +90,7 @@ class Clock:
         bus.serve(keys.SIM_SPEED, self._on_speed)
         bus.serve(keys.GET_PARAMETERS, self._on_get)
         bus.serve(keys.SET_PARAMETERS, self._on_set)
-        bus.presence.on_change.append(self._publish_parameters)  # for services that start late
+        bus.presence.on_change.append(self._on_presence)
         service.reports.append(self.diagnostics)
         self.reset(self.scenario.seed)
 
@@ -96,7 +102,7 @@ class Clock:
     def reset(self, seed: int) -> None:
         """Begin a run: return the world to its initial state."""
         self.tick = self.missed_deadlines = 0
-        self.host.begin(Stamp(0, secrets.randbits(32), seed, self.live.revision))
+        self.host.begin(Stamp(0, secrets.randbits(32), seed))
 
     def run(self) -> None:
         """Wait until every service of the scenario is ready, then advance until stopped."""
@@ -136,13 +142,17 @@ class Clock:
         """Advance the world to this tick and run the other turns of the process."""
         host, now_ns = self.host, self.tick * self.host.tick_ns
         has_changed = self.live.apply()
-        stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed, self.live.revision)
-        host.stamp = stamp
+        host.stamp = stamp = Stamp(now_ns, self.stamp.run, self.stamp.seed)
         if has_changed:
             self.scenario = self.live.scenario
-            host.configure(self.scenario, self.live.revision)
-        if has_changed or now_ns % NS_PER_S < host.tick_ns:
+            host.configure(self.scenario)
+        is_full_second = now_ns % NS_PER_S < host.tick_ns
+        # in real time, services may still have the parameters of a clock that has ended
+        is_first = not self.tick and not self.lockstep
+        if has_changed or is_first or (self.live.settings and is_full_second):
             self._publish_parameters()
+        if has_changed and self.lockstep:
+            self.pace.confirm(self._others)
         self.schedule.published(self.tick)
         host.loop.step(self.tick, stamp, self._await)
         host.has_news = True  # a command may have arrived after the turn that uses it
@@ -309,14 +319,14 @@ class Clock:
 
     def _on_get(self, request: ParameterNames, reply: Reply[ParameterDescriptors]) -> None:
         """Answer with the live parameters and their values."""
-        found = parameters(self.live.requested)
-        names = request.names or tuple(found)
+        live = parameters(self.live.requested)
+        names = request.names or tuple(live)
         try:
             refuse_unknown(self.live.requested, dict.fromkeys(names, ""))
         except ConfigError as error:
             reply.refuse(str(error))
         else:
-            descriptors = tuple(described(name, found[name]) for name in names)
+            descriptors = tuple(described(name, live[name]) for name in names)
             reply.answer(ParameterDescriptors(parameters=descriptors))
 
     def _on_set(self, request: Parameters, reply: Reply[Parameters]) -> None:
@@ -327,28 +337,22 @@ class Clock:
             reply.refuse(str(error))
             return
         begins = Stamp((self.tick + 1) * self.host.tick_ns, self.stamp.run, self.stamp.seed)
-        reply.answer(
-            Parameters(
-                header=Header(stamp=begins.time),
-                revision=self.live.revision + 1,
-                parameters=request.parameters,
-            )
-        )
+        reply.answer(Parameters(header=Header(stamp=begins.time), parameters=request.parameters))
+
+    def _on_presence(self) -> None:
+        if self.live.settings:  # for a service that starts late
+            self._publish_parameters()
 
     def _publish_parameters(self) -> None:
-        """Publish the changed parameters, if any; repeated for services that start late."""
-        if self.live.revision:
-            message = Parameters(
-                header=Header(stamp=self.stamp.time),
-                revision=self.live.revision,
-                parameters=to_message(self.live.settings),
-            )
-            self._parameters.put(message, self.stamp)
+        """Publish the changed parameters; at the first tick of a run also that there are none."""
+        header = Header(stamp=self.stamp.time)
+        message = Parameters(header=header, parameters=to_message(self.live.settings))
+        self._parameters.put(message, self.stamp)
 
     def _await_services(self) -> None:
-        others = set(self.scenario.services) - {service for service, _ in self.host.parts}
-        observers = set() if self.lockstep else others & set(OBSERVERS)
-        missing = self._await_ready(others - observers, self.scenario.sim.answer_timeout_s)
+        awaited = set(self.scenario.services) - {service for service, _ in self.host.parts}
+        observers = set() if self.lockstep else awaited & set(OBSERVERS)
+        missing = self._await_ready(awaited - observers, self.scenario.sim.answer_timeout_s)
         missing += self._await_ready(observers, OBSERVERS_S)
         if missing and self.lockstep:
             raise StepTimeoutError(f"not there to start with: {', '.join(missing)}")

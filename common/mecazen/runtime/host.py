@@ -20,6 +20,7 @@ from mecazen.parameters import changed, settings_of
 from mecazen.programs import Kind, classes, graph_of
 from mecazen.robots import join_key
 from mecazen.runtime.health import Health
+from mecazen.runtime.pace import serve_every
 from mecazen.wire import NS_PER_S, Stamp
 
 EARLY_AT_MOST = 16
@@ -130,10 +131,8 @@ class Host:
         self._early: deque[tuple[Sequence[Slot], Message | None, Stamp]] = deque(
             maxlen=EARLY_AT_MOST
         )
-        self.revision = 0
-        """Number of parameter changes that have been applied here."""
-        self._changes: dict[int, tuple[Stamp, Scenario]] = {}
-        """Announced changes by revision: the first tick, and the scenario from then on."""
+        self._changed: tuple[Stamp, Scenario] | None = None
+        """A scenario with changed parameters, and the stamp of the first tick with them."""
         self._reported_s = -1
         self._subscribe()
         self._serve()
@@ -144,8 +143,6 @@ class Host:
         """Begin a run, with the samples of it that have already arrived."""
         if stamp.run != self.stamp.run:
             self._ended.append(self.stamp.run)
-        if stamp.revision < self.revision:  # the process that owns time has restarted
-            self.configure(self._started, 0)
         self.stamp = self.loop.stamp = stamp
         self.next_run = None
         self._reported_s = -1
@@ -158,24 +155,19 @@ class Host:
         for slots, message, sent in early:
             self._receive(slots, message, sent)
 
-    def configure(self, scenario: Scenario, revision: int) -> None:
+    def configure(self, scenario: Scenario) -> None:
         """Apply a scenario with changed parameters from the next tick on."""
-        self.scenario, self.revision = scenario, revision
-        self._changes = {n: change for n, change in self._changes.items() if n > revision}
+        self.scenario = scenario
         for turn in self.loop.turns:
             turn.configure(scenario, self.stamp.seed)
 
-    def knows(self, stamp: Stamp) -> bool:
-        """Apply the changes due in a tick; return whether all changes of its stamp are known."""
-        due = [
-            revision
-            for revision, (begins, _) in self._changes.items()
-            if revision <= stamp.revision
-            or (begins.run == stamp.run and begins.time_ns <= stamp.time_ns)
-        ]
-        if due:
-            self.configure(self._changes[max(due)][1], max(due))
-        return stamp.revision <= self.revision
+    def apply_changes(self, stamp: Stamp) -> None:
+        """Apply the changed parameters that are due in a tick."""
+        if self._changed is not None:
+            begins, scenario = self._changed
+            if begins.run != stamp.run or begins.time_ns <= stamp.time_ns:
+                self._changed = None
+                self.configure(scenario)
 
     def revise(self) -> None:
         """Repeat steps for which a newer command has arrived."""
@@ -290,6 +282,8 @@ class Host:
         if self.clock is None:
             world = next((turn.service for turn in self.turns if turn.row.owns_time), "")
             self.bus.subscribe(keys.PARAMETERS, self._on_parameters, every=True, of=world)
+            for service, robot in self.parts:
+                serve_every(self.bus, service, robot)
 
     def _sole_publisher(self, slot: Slot) -> str:
         """Return the service that alone publishes an input; empty if others may do so."""
@@ -333,14 +327,14 @@ class Host:
             self.has_news |= slot.revises
 
     def _on_parameters(self, message: Any, stamp: Stamp | None) -> None:
-        if stamp is None or message.revision <= self.revision:
+        if stamp is None:
             return
         try:
             scenario = changed(self._started, settings_of(message))
         except ConfigError as error:
             self.bus.refuse(keys.PARAMETERS.key, str(error))
         else:
-            self._changes[message.revision] = stamp, scenario
+            self._changed = (stamp, scenario) if scenario != self.scenario else None
 
     def _serve(self) -> None:
         """Answer the queries of the nodes' rows; the clock answers its own."""

@@ -23,8 +23,6 @@ class LiveParameters:
         self._check = check
         self.scenario = self.requested = scenario
         """The scenario that applies now, and the one from the next tick on."""
-        self.revision = 0
-        """Number of changes so far."""
         self.settings: dict[str, str] = {}
         """Changed parameters: values in TOML by key, in the order of the changes."""
         self._requested: dict[str, str] = {}
@@ -48,7 +46,6 @@ class LiveParameters:
         if self._requested == self.settings:
             return False
         self.settings, self.scenario = self._requested, self.requested
-        self.revision += 1
         return True
 
 

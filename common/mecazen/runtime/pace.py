@@ -8,6 +8,7 @@ queue the samples of that many ticks.
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 
 from mecazen.bus import Bus
 from mecazen.errors import BusError
@@ -32,10 +33,20 @@ def _call(name: str) -> Call[Empty, Empty]:
     return Call(name, Empty, Empty, "answers once all earlier samples are taken")
 
 
-def declare_every(bus: Bus, name: str, robot: str = "") -> None:
-    """Make the clock wait for a service, whose subscriptions the bus already has."""
+def serve_every(bus: Bus, name: str, robot: str = "") -> None:
+    """Answer the clock once a service has taken all earlier samples."""
     bus.serve(_call(join_key(f"{name}/{EVERY}", robot)), lambda _, reply: reply.answer(Empty()))
+
+
+def announce_every(bus: Bus, name: str, robot: str = "") -> None:
+    """Make the clock wait for a service, whose subscriptions the bus already has."""
     bus.declare_alive(f"{name}/{EVERY}", robot)
+
+
+def declare_every(bus: Bus, name: str, robot: str = "") -> None:
+    """Make the clock wait for an observer, and answer it."""
+    serve_every(bus, name, robot)
+    announce_every(bus, name, robot)
 
 
 class Pace:
@@ -61,3 +72,12 @@ class Pace:
                     service = name.removesuffix(f"/{EVERY}")
                     problem = f"going on without {service}, silent: samples may be lost"
                     logger.warning("msg=%r", problem)
+
+    def confirm(self, names: Iterable[str]) -> None:
+        """Wait until services have taken all samples so far.
+
+        Raises:
+            BusError: A service does not answer.
+        """
+        for name in names:
+            self._bus.call(_call(f"{name}/{EVERY}"), Empty(), self._patience_s)

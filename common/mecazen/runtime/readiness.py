@@ -22,14 +22,14 @@ def announce_readiness(bus: Bus, service: str, robot: str, scenario: Scenario) -
     services are ready, all links exist, so no first sample is lost.
     """
     bus.presence.known = _tokens(scenario)
-    others = {join_key(*part) for part in scenario.parts} - {join_key(service, robot)}
+    awaited = {join_key(*part) for part in scenario.parts} - {join_key(service, robot)}
     if scenario.sim.mode == "real_time":
-        others -= set(OBSERVERS)
+        awaited -= set(OBSERVERS)
     announced = False
 
     def check() -> None:
         nonlocal announced
-        if not announced and others <= bus.presence.names:
+        if not announced and awaited <= bus.presence.names:
             announced = True
             bus.declare_alive(f"{service}/{READY}", robot)
 
@@ -40,4 +40,4 @@ def announce_readiness(bus: Bus, service: str, robot: str, scenario: Scenario) -
 def _tokens(scenario: Scenario) -> set[str]:
     """Return the names of the liveliness tokens that count in a scenario."""
     parts = {join_key(*part) for part in scenario.parts} | {*OBSERVERS, RECORD}
-    return parts | {f"{part}/{what}" for part in parts for what in (READY, EVERY)}
+    return parts | {f"{part}/{end}" for part in parts for end in (READY, EVERY)}

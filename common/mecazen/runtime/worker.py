@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from mecazen.loop import Slot
 from mecazen.runtime.host import Host
-from mecazen.runtime.pace import declare_every
+from mecazen.runtime.pace import announce_every
 from mecazen.wire import Stamp
 
 POLL_S = 0.25
@@ -36,7 +36,7 @@ class Worker:
         """Make ticks until the bus is stopped."""
         host = self.host
         if host.lockstep and not host.is_awaited():
-            declare_every(host.bus, *host.parts[0])
+            announce_every(host.bus, *host.parts[0])
         while True:
             self.step()
 
@@ -65,16 +65,11 @@ class Worker:
             if not has_come:
                 return False
         k, stamp = trigger
-        while not host.knows(stamp):
-            if any(later.revision < stamp.revision for _, later in self._later(k)):
-                self._last = k  # the sample is invalid: a later one has fewer changes
-                return True
-            if not self._wait():
-                return False
         # within one process the samples of all other processes come before the tick
         if host.bus.hears_itself and host.loop.lacks(k) and not self._is_over(k):
             return False
         self._last, host.stamp = k, stamp
+        host.apply_changes(stamp)
         host.report_if_due()
         host.loop.step(k, stamp, self._await)
         host.has_news = True  # a command may have arrived after the turn that uses it

@@ -152,8 +152,10 @@ def _recompute_run(
     for key, topic in outputs.items():
         bus.subscribe(topic, partial(_keep, recomputed[key]))
     last_ns: dict[str, int] = {}
-    # a sample without a stamp may have come at any time within its tick
-    for sample in sorted(samples, key=lambda one: (one.time_ns, one.stamp is None)):
+    # parameters come before their tick, a sample without a stamp at any time within it
+    for sample in sorted(
+        samples, key=lambda s: (s.time_ns, s.key != PARAMETERS.key, s.stamp is None)
+    ):
         if sample.key not in topics:
             continue
         kind = topics[sample.key].type

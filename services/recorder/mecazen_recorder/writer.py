@@ -200,7 +200,7 @@ class RecordingWriter:
         self._synced_s = time.monotonic()
 
     def _channel(self, key: str, stamp: Stamp | None, kind: type[Message] | str) -> int:
-        run = None if stamp is None else stamp._replace(time_ns=0, revision=0)
+        run = None if stamp is None else stamp._replace(time_ns=0)
         known = self._channels.get((key, run, kind))
         if known is not None:
             return known
