@@ -9,7 +9,7 @@ from typing import Any
 from mecazen import keys
 from mecazen.bus.session import OPERATOR
 from mecazen.config import LIVELINESS
-from mecazen.graph import GRAPH, SERVICES, rows, services
+from mecazen.graph import GRAPH, SERVICES, services
 from mecazen.row import Row
 from mecazen.runtime.pace import EVERY, RECORD
 from mecazen.runtime.readiness import READY
@@ -113,8 +113,7 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     yield ANYONE, _rule("anyone asks what changes nothing", ["query"], asked)
     relays = ["put", "query", "reply", "declare_queryable", "liveliness_token"]
     yield ROUTER, _rule("the router relays what it has let in", relays, everything)
-    # without a guard the controller takes other topics
-    for service, nodes in services((*GRAPH, *rows(frozenset()))).items():
+    for service, nodes in services(GRAPH).items():
         yield from _service_rules(service, nodes)
     puts = [
         key
@@ -139,7 +138,7 @@ def _service_rules(service: str, nodes: Sequence[Row]) -> Iterator[tuple[str, di
         # samples from ROS that it passes on to all others
         *(f"**/{topic.key}" for row in nodes for topic in _handed_on(row)),
     ]
-    calls = list(dict.fromkeys(call for row in nodes for call in row.calls))
+    calls = [call for row in nodes for call in row.calls]
     latched = [key for call in calls for key in protocol.latched_keys(call)]
     puts = list(dict.fromkeys([*puts, *latched]))
     yield service, _rule(f"{service} publishes", ["put"], puts)

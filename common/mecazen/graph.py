@@ -8,6 +8,7 @@ user node has its row in its class (`Node.ROW`); the scenario names the node and
 from __future__ import annotations
 
 from collections.abc import Iterable, Set
+from dataclasses import replace
 from typing import Any
 
 from mecazen import keys
@@ -297,8 +298,18 @@ CROWD = "crowd"
 COLLECTOR = "collector"
 """The service that records the trajectory of a distributed run; the run waits for its start."""
 
-GRAPH = (*rows(SIMULATED), *(row for row in rows(REAL) if row.part_of == "hardware"))
-"""All nodes of all scenarios, with all their outputs; each world has a clock of its own."""
+
+def _all_nodes() -> tuple[Row, ...]:
+    plain = {row.name: row.inputs for row in rows(frozenset())}
+    nodes = [
+        replace(row, inputs=tuple(dict.fromkeys((*row.inputs, *plain.get(row.name, ())))))
+        for row in rows(SIMULATED)
+    ]
+    return (*nodes, *(row for row in rows(REAL) if row.part_of == "hardware"))
+
+
+GRAPH = _all_nodes()
+"""All nodes of all scenarios, with all their inputs and outputs; each world has its own clock."""
 NODES = {row.name: row for row in GRAPH if not row.owns_time}
 """All nodes but the clocks, by name."""
 SERVICES = tuple(services(GRAPH))
