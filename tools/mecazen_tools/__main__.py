@@ -7,7 +7,6 @@ import signal
 import sys
 
 from mecazen_tools import INTERRUPTED
-from mecazen_tools.forking import start_server
 
 MARKS = {"✓": "+", "✗": "-", "≤": "<"}
 """Signs of the same width for encodings that lack those of tables."""
@@ -31,7 +30,9 @@ def main() -> None:
     # NumPy's products are too small to need threads
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     if {"up", "--distributed"} & {*sys.argv}:
-        start_server()  # imports at the same time as this process
+        from mecazen_tools.forking import start_server  # noqa: PLC0415
+
+        start_server()  # which imports at the same time as this process
     from mecazen_tools.cli import main as run  # noqa: PLC0415  # takes a second
     from mecazen_tools.files import WholeWrites  # noqa: PLC0415
 

@@ -14,7 +14,8 @@ from collections import deque
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import Pipe, parent_process
+from io import FileIO
+from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -36,7 +37,6 @@ STEADY_S = 1.0
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.5, 8.0
 """Pauses before repeated restarts [s]: the first, which doubles each time, and the longest."""
 
-READ_BYTES = 1 << 16
 SERVER_ENDED = 255
 """Exit code that `multiprocessing` reports for all processes if the fork server has ended."""
 EVENT = re.compile(r"t=\S+ level=info service=\S+ msg=(\S+)(?: url=(\S+))?")
@@ -64,8 +64,8 @@ class _Part:
     """Its services and robot."""
     needed: bool
     child: ForkServerProcess
-    log: Connection
-    """Its standard error."""
+    log: FileIO
+    """Its standard error, not blocking."""
     begun: bytes = b""
     """Begin of a line of the log."""
     last_line: str = ""
@@ -124,17 +124,18 @@ class Supervisor:
         part = self._parts[process.name] = _Part(process, needed, *self._fork(process))
         self._running.append(part)
 
-    def _fork(self, process: Process) -> tuple[ForkServerProcess, Connection]:
-        log, their_end = Pipe(duplex=False)
-        os.set_blocking(log.fileno(), False)
-        arguments = (process, self._path, self._settings, their_end)
-        child = CONTEXT.Process(target=_run, args=arguments, daemon=True)
-        with their_end, starting():
+    def _fork(self, process: Process) -> tuple[ForkServerProcess, FileIO]:
+        out, into = os.pipe()
+        os.set_blocking(out, False)
+        with Connection(into, readable=False) as log, starting():
+            arguments = (process, self._path, self._settings, log)
+            child = CONTEXT.Process(target=_run, args=arguments, daemon=True)
             try:
                 child.start()
             except (ConnectionError, EOFError):
+                os.close(out)
                 raise ProcessError(f"{process.name}: the fork server has ended") from None
-        return child, log
+        return child, FileIO(out)
 
     def start_router(self, timeout_s: float = 10.0) -> None:
         """Start the router and wait until it listens.
@@ -171,9 +172,9 @@ class Supervisor:
         ready = wait(sources, timeout_s)
         for part in dict.fromkeys(sources[source] for source in ready):
             has_ended = part.child.exitcode is not None
-            data = part.begun + _available(part.log.fileno())
+            data = part.begun + (part.log.readall() or b"")
             *lines, part.begun = (data + b"\n" * has_ended).split(b"\n")
-            for line in lines:
+            for line in filter(None, lines):
                 self._take_line(part, line.decode(errors="replace").rstrip())
             if has_ended:
                 part.log.close()
@@ -187,11 +188,9 @@ class Supervisor:
     def _take_line(self, part: _Part, text: str) -> None:
         name = part.process.name
         event = EVENT.match(text)
-        if not text:
-            return
         if event is None:
             part.last_line = text
-            if not text.startswith(FAILED):  # told with the end
+            if not text.startswith(FAILED):  # an error comes with the end
                 self._lines.append(Line(name, text))
         elif event[1] == "started":
             part.has_run, part.begin_s = True, time.monotonic()
@@ -273,15 +272,6 @@ def _end_with_supervisor() -> None:
     assert supervisor is not None
     supervisor.join()
     os.kill(os.getpid(), signal.SIGTERM)
-
-
-def _available(pipe: int) -> bytes:
-    """Read what is in a pipe, without waiting for more."""
-    data = b""
-    with suppress(BlockingIOError):
-        while read := os.read(pipe, READ_BYTES):
-            data += read
-    return data
 
 
 def _how(code: int, last_line: str) -> str:
