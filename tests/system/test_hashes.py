@@ -22,7 +22,7 @@ SCENARIOS = {
 
 def outcome(name):
     """Return hash and scores of 10 s of a scenario, with its own seed."""
-    result, _ = simulate(load_scenario(SCENARIOS[name], ("sim.duration_s=10.0",)), name)
+    result, _ = simulate(load_scenario(SCENARIOS[name], {"sim.duration_s": 10.0}), name)
     return {key: getattr(result, key) for key in ("trajectory_sha256", "d_err_m", "theta_err_deg")}
 
 
