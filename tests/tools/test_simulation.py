@@ -9,7 +9,7 @@ from carts import Carts
 from harness import Listener, error_of, load_robot
 from mecazen import keys
 from mecazen.config import Scenario, SimConfig
-from mecazen.errors import ConfigError, MecazenError, NodeError
+from mecazen.errors import MecazenError, NodeError
 from mecazen.loading import with_settings
 from mecazen_tools.simulate import collect, simulate
 from mecazen_tools.simulation import Simulation
@@ -25,11 +25,8 @@ def sim():
         yield sim
 
 
-def test_a_simulation_is_at_the_first_tick_at_once(sim):
+def test_a_run_goes_from_the_first_tick_to_the_last(sim):
     assert (sim.time_s, sim.is_over, len(sim.trajectory.rows())) == (0.0, False, 1)
-
-
-def test_a_run_ends_with_the_last_tick(sim):
     state = sim.step()
     assert (state.time_s, state.robot.x, state.person, state.follower) == (0.01, 0.0, None, None)
     assert [round(sim.time_s, 9) for _ in sim.ticks(0.02)] == [0.02, 0.03]
@@ -73,6 +70,7 @@ def test_a_command_is_published_before_each_tick_until_a_reset(sim):
         (lambda sim: sim.set_parameters({"sim.tick_s": 1j}), "not TOML serializable"),
         (lambda sim: sim.latest("odmo"), "odmo: no key of this scenario; its keys: "),
         (lambda sim: sim.view(), "view=True"),
+        (lambda _: collect(CARTS, ""), "need sim.mode=lockstep, and 'collector' among `services`"),
         (lambda _: Simulation("bakc"), "bakc: no such scenario; did you mean back?"),
         (lambda _: Simulation(CARTS, {"seed": 1j}), "seed: got 1j; TOML has no such value"),
         (
@@ -107,8 +105,3 @@ def test_simulate_reports_every_tick_and_the_result():
     assert (result.scenario, result.ticks, result.duration_s) == ("carts", 150, 1.5)
     assert (len(trajectory.rows()), done) == (150, [100, 150])
     assert result.rtf == pytest.approx(1.5 / result.wall_s)
-
-
-def test_a_run_is_collected_only_in_lockstep_with_a_collector():
-    reason = error_of(ConfigError, lambda: collect(CARTS, "real time"))
-    assert reason.endswith("need sim.mode=lockstep, and 'collector' among `services`")

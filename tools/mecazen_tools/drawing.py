@@ -50,27 +50,18 @@ STYLE: list[Any] = [
 ]
 """Matplotlib's defaults, independent of the user's settings, adapted to print."""
 
-METADATA: dict[str, dict[str, None]] = {
-    ".png": {},
-    ".svg": {"Date": None},
-    ".pdf": {"CreationDate": None},
-}
+METADATA = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 """Metadata of each format, without the time of drawing."""
 
 
 def refuse_undrawable(path: Path, option: str) -> None:
-    """Check, before the work, that a figure can be drawn into a file.
-
-    Args:
-        path: The file, whose suffix selects the format.
-        option: The command-line option, for the message.
+    """Check, before the work, that a figure can be drawn into a file; its suffix is the format.
 
     Raises:
         MecazenError: The format is unknown, or the folder or Matplotlib is missing.
     """
     if path.suffix not in METADATA:
-        allowed = ", ".join(METADATA)
-        raise ConfigError(f"{option} {path}: a picture's name ends in one of {allowed}")
+        raise ConfigError(f"{option} {path}: a picture's name ends in one of {', '.join(METADATA)}")
     if not path.absolute().parent.is_dir():
         raise ConfigError(f"{option} {path}: no such folder")
     if find_spec("matplotlib") is None:

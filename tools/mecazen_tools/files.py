@@ -13,7 +13,6 @@ from mecazen.errors import MecazenError
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
-
 BUILT = {"__pycache__", "build", "dist"}
 """Folders of files that are made from others."""
 
@@ -40,16 +39,11 @@ def sha256_of(
     """Return the SHA-256 of files below a root, and of all files in folders below it.
 
     Names count relative to the root. Texts about a project (Markdown, `pyproject.toml`), hidden
-    files and built ones do not count.
-
-    Args:
-        root: The root.
-        paths: The files and folders.
-        content: Function that returns the content of a file.
+    files and built ones do not count. `content` returns the content of a file.
     """
     digest = hashlib.sha256()
-    found = {file for path in paths for file in (path.rglob("*") if path.is_dir() else [path])}
-    for file in sorted(found):
+    files = {file for path in paths for file in (path.rglob("*") if path.is_dir() else [path])}
+    for file in sorted(files):
         name = file.relative_to(root)
         is_built = any(part in BUILT or part.startswith(".") for part in name.parts)
         if is_built or file.suffix == ".md" or file.name == "pyproject.toml" or not file.is_file():
@@ -76,14 +70,9 @@ def write(path: Path, content: bytes, option: str = "") -> None:
 
 
 def write_with(path: Path, save: Callable[[Path], object], option: str = "") -> None:
-    """Let `save` write a file beside `path`, which replaces the file at `path` once it is complete.
+    """Let `save` write a file with the suffix of `path`, which then replaces the file at `path`.
 
-    A failure leaves neither half a file nor a changed one.
-
-    Args:
-        path: The file.
-        save: Function that writes the file at its argument, which has the suffix of `path`.
-        option: The command-line option, for the message.
+    A failure leaves neither half a file nor a changed one. `option` names the file in the message.
 
     Raises:
         MecazenError: The file can't be written, as on a full disk.

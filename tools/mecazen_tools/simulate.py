@@ -68,15 +68,8 @@ def simulate(
     Raises:
         MecazenError: A service failed.
     """
-
-    def run() -> None:
-        for tick, _ in enumerate(sim.ticks(), 2):
-            if tick % PROGRESS_TICKS == 0:
-                progress(tick)
-        progress(scenario.sim.ticks)
-
     with Simulation(scenario) as sim:
-        return _scored(name, sim.trajectory, run)
+        return _scored(name, sim.trajectory, sim.ticks(), progress)
 
 
 def simulate_distributed(
@@ -111,7 +104,7 @@ def simulate_distributed(
         for process in scenario.process_plan:
             if COLLECTOR not in process.services:
                 supervisor.start(process)
-        return _collected(name, bus, trajectory, show_output, progress)
+        return _scored(name, trajectory, _samples(bus, trajectory, show_output), progress)
 
 
 def collect(
@@ -128,16 +121,15 @@ def collect(
             "among `services`"
         )
     seen: set[str] = set()
-    parts = {join_key(*part) for part in scenario.parts}
 
     def refuse_missing() -> None:
-        alive = bus.presence.names & parts
+        alive = bus.presence.names & {join_key(*part) for part in scenario.parts}
         seen.update(alive)
         if missing := sorted(seen - alive):
             raise MecazenError(f"{', '.join(missing)}: gone after {trajectory.done} ticks")
 
     with _collector(scenario) as (bus, trajectory):
-        return _collected(name, bus, trajectory, refuse_missing, progress)
+        return _scored(name, trajectory, _samples(bus, trajectory, refuse_missing), progress)
 
 
 @contextmanager
@@ -152,52 +144,42 @@ def _collector(scenario: Scenario) -> Iterator[tuple[ZenohBus, Trajectory]]:
         yield bus, trajectory
 
 
-def _collected(
-    name: str,
-    bus: ZenohBus,
-    trajectory: Trajectory,
-    check: Callable[[], object],
-    progress: Progress,
-) -> tuple[Result, Trajectory]:
+def _samples(bus: ZenohBus, trajectory: Trajectory, check: Callable[[], None]) -> Iterator[None]:
     """Take samples until the run is complete; `check` raises if the run can't continue."""
-
-    def run() -> None:
-        reported = 0
-        while not trajectory.complete:
-            bus.spin_once(PATIENCE_S)
-            if trajectory.done >= reported + PROGRESS_TICKS:
-                reported = trajectory.done
-                progress(reported)
-            check()
-        progress(trajectory.done)
-
-    while trajectory.done == 0:
+    while not trajectory.complete:
         bus.spin_once(PATIENCE_S)
         check()
-    return _scored(name, trajectory, run)
+        yield
 
 
 def _scored(
-    name: str, trajectory: Trajectory, run: Callable[[], None]
+    name: str, trajectory: Trajectory, steps: Iterable[None], progress: Progress
 ) -> tuple[Result, Trajectory]:
-    """Make a run from its second tick on; return its result.
+    """Make all steps of a run; return its result.
 
     Raises:
         MecazenError: The run is incomplete.
-        InterruptedRun: Ctrl-C ended the run.
+        InterruptedRun: Ctrl-C ended the run after its first tick.
     """
-    begin = time.perf_counter()
+    begin, reported = time.perf_counter(), 0
     try:
-        run()
+        for _ in steps:
+            if trajectory.done == 0:
+                begin = time.perf_counter()
+            if trajectory.done >= reported + PROGRESS_TICKS:
+                reported = trajectory.done
+                progress(reported)
+        progress(trajectory.done)
+        trajectory.refuse_incomplete()
     except KeyboardInterrupt:
+        if trajectory.done == 0:
+            raise
         wall_s = time.perf_counter() - begin
-        raise InterruptedRun(result(name, trajectory, wall_s), trajectory) from None
-    wall_s = time.perf_counter() - begin
-    trajectory.refuse_incomplete()
-    return result(name, trajectory, wall_s), trajectory
+        raise InterruptedRun(_result(name, trajectory, wall_s), trajectory) from None
+    return _result(name, trajectory, time.perf_counter() - begin), trajectory
 
 
-def result(name: str, trajectory: Trajectory, wall_s: float) -> Result:
+def _result(name: str, trajectory: Trajectory, wall_s: float) -> Result:
     """Return the result of the finished ticks of a run."""
     scenario = trajectory.scenario
     scores = {robot: trajectory.scores(robot) for robot in scenario.names}

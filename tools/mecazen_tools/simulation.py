@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing
+from itertools import product
 from operator import index
 from os import PathLike, fspath
 from typing import Any, NamedTuple, Self
@@ -109,15 +110,14 @@ class Simulation:
         """Commands that are published before each tick."""
         self.bus = LocalBus(loaded.renamed)
         self.trajectory = Trajectory(self.bus, self._scenario)
-        for robot in loaded.names:
-            for topic in self._graph.topics:
-                self._keep_latest(keys.of_robot(topic, robot))
+        for robot, topic in product(loaded.names, self._graph.topics):
+            self._keep_latest(keys.of_robot(topic, robot))
         with ExitStack() as services:
-            self._open_services(services)
+            self._open(services)
             self.clock.begin()
             self._services: ExitStack | None = services.pop_all()
 
-    def _open_services(self, services: ExitStack) -> None:
+    def _open(self, services: ExitStack) -> None:
         """Create the services, which `services` closes."""
         scenario = self._scenario
         observers = [part for part in scenario.parts if part[0] in OBSERVERS]
@@ -162,9 +162,8 @@ class Simulation:
     def reset(self, seed: int | None = None) -> State:
         """Restart with the noise of a seed or of the last run; return the first state.
 
-        The run is bit-identical to that of a new simulation, which takes longer to create. The
-        trajectory and the commands are cleared; changed parameters stay. A recording continues with
-        the new run.
+        The run is bit-identical to that of a new simulation. Trajectory and commands are cleared;
+        changed parameters stay. A recording continues with the new run.
 
         Raises:
             ConfigError: The seed is out of range.
@@ -185,8 +184,7 @@ class Simulation:
         """Simulate one tick, and return the state after it.
 
         Raises:
-            MecazenError: The scenario's duration has passed, a service failed, or the simulation is
-                closed.
+            MecazenError: The run is over, a service failed, or the simulation is closed.
         """
         self._refuse_closed()
         if self.is_over:
@@ -283,26 +281,22 @@ class Simulation:
             ConfigError: There is no robot of this name.
         """
         robot = self._name(robot)
-        truth = self._motion(keys.GROUND_TRUTH, robot)
-        if truth is None:  # of a real robot
+        if self._newest(keys.GROUND_TRUTH, robot) is None:  # of a real robot
             raise ConfigError(f"nothing publishes {keys.GROUND_TRUTH.key}")
-        person, person_twist = self._motion(keys.TARGET_ODOM, robot) or (None, None)
-        odom, _ = self._motion(keys.ODOM, robot) or (None, None)
         command = self._newest(keys.CMD_VEL, robot)
         return State(
             self.time_s,
-            *truth,
-            person,
-            person_twist,
-            odom,
-            command.to_planar() if command is not None else None,
+            *self._motion(keys.GROUND_TRUTH, robot),
+            *self._motion(keys.TARGET_ODOM, robot),
+            self._motion(keys.ODOM, robot)[0],
+            None if command is None else command.to_planar(),
             self._newest(keys.FOLLOWER_STATE, robot),
         )
 
-    def _motion(self, topic: Topic[Odometry], robot: str) -> tuple[Pose2D, Twist2D] | None:
+    def _motion(self, topic: Topic[Odometry], robot: str) -> tuple[Any, Any]:
         odometry = self._newest(topic, robot)
         if odometry is None:
-            return None
+            return None, None
         return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()
 
     def _newest(self, topic: Topic[Any], robot: str) -> Any:
