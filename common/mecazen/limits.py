@@ -32,58 +32,56 @@ FASTEST_PUSH = 10.0
 class Limit(NamedTuple):
     """The largest magnitude that some numbers of a message may have."""
 
-    what: str
+    quantity: str
     unit: str
-    most: float
-    part: Callable[[Any], Any]
-    """Returns the part of a message that holds the numbers ..."""
+    largest: float
     numbers: Callable[[Any], Sequence[float]]
-    """... and the numbers from that part."""
+    """Returns the numbers of a message."""
 
 
-def _xyz(vector: m.Vector3 | m.Point) -> tuple[float, float, float]:
-    return vector.x, vector.y, vector.z
+def _xyz(path: str) -> Callable[[Any], Sequence[float]]:
+    return attrgetter(f"{path}x", f"{path}y", f"{path}z")
 
 
 def _position(path: str, farthest_m: float = FARTHEST_M) -> Limit:
-    return Limit("position", "m", farthest_m, attrgetter(f"{path}position"), _xyz)
+    return Limit("position", "m", farthest_m, _xyz(f"{path}position."))
 
 
-def _twist(path: str, linear: float = FASTEST, angular: float = FASTEST) -> tuple[Limit, ...]:
+def _twist(path: str, fastest: float = FASTEST) -> tuple[Limit, ...]:
     return (
-        Limit("linear velocity", "m/s", linear, attrgetter(f"{path}linear"), _xyz),
-        Limit("angular velocity", "rad/s", angular, attrgetter(f"{path}angular"), _xyz),
+        Limit("linear velocity", "m/s", fastest, _xyz(f"{path}linear.")),
+        Limit("angular velocity", "rad/s", fastest, _xyz(f"{path}angular.")),
     )
 
 
 def _each(path: str, limit: Limit) -> Limit:
     """Return the limit of a message whose parts at `path` all have that limit."""
+    parts = attrgetter(path)
     return limit._replace(
-        part=attrgetter(path),
-        numbers=lambda parts: [n for part in parts for n in limit.numbers(limit.part(part))],
+        numbers=lambda message: [n for part in parts(message) for n in limit.numbers(part)]
     )
 
 
-_JOINTS = _each("joints", Limit("joint position", "m", FARTHEST_M, lambda joint: joint, _xyz))
-_DEVIATIONS = Limit("deviation of a joint", "m", FARTHEST_M, attrgetter("std"), tuple)
+_JOINTS = _each("joints", Limit("joint position", "m", FARTHEST_M, _xyz("")))
+_DEVIATIONS = Limit("deviation of a joint", "m", FARTHEST_M, attrgetter("std"))
 
 BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
     m.Twist: _twist(""),
     m.Odometry: (_position("pose.pose."), *_twist("twist.twist.")),
     m.OdometryRequest: (_position("pose.", FARTHEST_START_M),),
-    m.JointState: (Limit("joint velocity", "rad/s", FASTEST, attrgetter("velocity"), tuple),),
+    m.JointState: (Limit("joint velocity", "rad/s", FASTEST, attrgetter("velocity")),),
     m.Observation: (
         _each("poses", _position("pose.")),
         _each(
             "poses",
-            Limit("covariance", "", FARTHEST_M**2, attrgetter("covariance"), planar_entries),
+            Limit("covariance", "", FARTHEST_M**2, lambda pose: planar_entries(pose.covariance)),
         ),
     ),
     m.Skeleton: (_JOINTS, _DEVIATIONS),
     m.Skeletons: (_each("skeletons", _JOINTS), _each("skeletons", _DEVIATIONS)),
     m.People: (
         _each("persons", _position("pose.")),
-        *(_each("persons", of) for of in _twist("twist.", FASTEST_PERSON, FASTEST_PERSON)),
+        *(_each("persons", limit) for limit in _twist("twist.", FASTEST_PERSON)),
         _each("persons", _JOINTS),
         _each("robots", _position("pose.")),
     ),
@@ -95,7 +93,7 @@ BY_TYPE: Mapping[type[m.Message], tuple[Limit, ...]] = {
 """The limits of a message, whichever key carries it; a quaternion may have any length."""
 
 BY_KEY: Mapping[str, tuple[Limit, ...]] = {
-    keys.TARGET_CMD_VEL.key: _twist("", FASTEST_PERSON, FASTEST_PERSON),
+    keys.TARGET_CMD_VEL.key: _twist("", FASTEST_PERSON),
 }
 """Limits of keys that differ from the limits of their message type."""
 
@@ -106,11 +104,11 @@ def refuse_implausible(key: str, message: m.Message) -> None:
     Raises:
         RefusedError: A number is beyond its limit.
     """
-    for what, unit, most, part, numbers in BY_KEY.get(key) or BY_TYPE.get(type(message), ()):
-        values = numbers(part(message))
+    for quantity, unit, largest, numbers in BY_KEY.get(key) or BY_TYPE.get(type(message), ()):
+        values = numbers(message)
         # if the norm is within the limit, so is each number, and none is NaN; faster than a loop
-        if not math.hypot(*values) <= most:
+        if not math.hypot(*values) <= largest:
             for value in values:
-                if not abs(value) <= most:
-                    at_most = f"{most:g} {unit}".rstrip()
-                    raise RefusedError(f"{what} {value} is out of range, at most {at_most}")
+                if not abs(value) <= largest:
+                    limit = f"{largest:g} {unit}".rstrip()
+                    raise RefusedError(f"{quantity} {value} is out of range, at most {limit}")

@@ -3,7 +3,6 @@
 import secrets
 import signal
 import threading
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import zenoh
@@ -269,14 +268,6 @@ def test_a_closed_bus_is_gone_for_all(open_bus):
     far.close()
     wait(near, lambda: "physics" not in near.presence.names)
     wait(asker, lambda: asker.alive() == {"near"})
-
-
-def test_stop_ends_a_waiting_spin_once_from_another_thread(open_bus):
-    bus = open_bus()
-    with ThreadPoolExecutor() as pool:
-        spinning = pool.submit(bus.spin_once)
-        bus.stop()
-        assert isinstance(spinning.exception(20.0), StoppedError)
 
 
 def test_a_signal_that_another_thread_receives_ends_a_wait(open_bus):

@@ -26,11 +26,10 @@ logger = logging.getLogger(__name__)
 
 Mode = Literal["router", "peer", "client"]
 
-THREADS = "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx))"
-"""Zenoh's threads in a process. One that waits for room on a link must not keep others from
-reading; nor must one that closes the link to a frozen process, which takes 10 s
-(eclipse-zenoh/zenoh, issue 1101). Zenoh's default has more threads, which wake each other: with it
-a distributed run of `back` makes 6 % fewer ticks a second."""
+THREADS = "(rx: (worker_threads: 4))"
+"""Zenoh's receiving threads in a process, instead of its default of 2. One that waits for room on a
+link must not keep others from reading; nor must one that closes the link to a frozen process, which
+takes 10 s (eclipse-zenoh/zenoh, issue 1101)."""
 
 QUEUED_BATCHES = 16
 """Number of batches of 64 KiB that a link queues for a slow receiver before it drops samples:

@@ -6,6 +6,7 @@ service's thread.
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import queue
 import threading
@@ -43,6 +44,9 @@ Sent = tuple[str, bytes, str, bytes | None]
 """Key, payload, encoding and attachment of a sample."""
 
 logger = logging.getLogger(__name__)
+
+_thread = threading.local()
+"""Marks Zenoh's threads whose Python state is kept; the mark ends with that state."""
 
 
 class ZenohBus(Bus):
@@ -298,17 +302,17 @@ class ZenohBus(Bus):
         replies = self._session.get(
             key, payload=encode(request), encoding=JSON_ENCODING, timeout=timeout_s
         )
-        for reply in replies:
-            if reply.err is not None:
-                reason = reply.err.payload.to_bytes().decode(errors="replace")
-                raise BusError(f"{key}: {printable(reason)}")
-            if reply.ok is not None:
-                sample = reply.ok
-                try:
-                    return decode(sample.payload.to_bytes(), call.answer, str(sample.encoding))
-                except RefusedError as refusal:
-                    raise BusError(f"{key}: the answer is {refusal}") from None
-        raise BusError(f"{key}: nobody answers; is `mecazen up` running?")
+        reply = next(iter(replies), None)
+        if reply is None:
+            raise BusError(f"{key}: nobody answers; is `mecazen up` running?")
+        if reply.err is not None:
+            reason = reply.err.payload.to_bytes().decode(errors="replace")
+            raise BusError(f"{key}: {printable(reason)}")
+        assert reply.ok is not None  # a reply is either
+        try:
+            return decode(reply.ok.payload.to_bytes(), call.answer, str(reply.ok.encoding))
+        except RefusedError as refusal:
+            raise BusError(f"{key}: the answer is {refusal}") from None
 
     def declare_alive(self, name: str, robot: str = "") -> None:
         liveliness = self._session.liveliness()
@@ -403,8 +407,19 @@ class ZenohReply(Reply[AnswerT]):
 
 
 def direct(function: Callable[[Any], None]) -> Any:
-    """Return a handler that runs on Zenoh's receiving thread, which saves a hop."""
-    return zenoh.handlers.Callback(function, indirect=False)
+    """Return a handler that runs on Zenoh's receiving thread, which saves a hop.
+
+    It keeps Python's state of that thread. Otherwise Python creates and destroys the state with
+    each call, and receiving a sample takes 67 µs of processor time instead of 50.
+    """
+
+    def receive(item: Any) -> None:
+        if not hasattr(_thread, "is_kept"):
+            _thread.is_kept = True
+            ctypes.pythonapi.PyGILState_Ensure()
+        function(item)
+
+    return zenoh.handlers.Callback(receive, indirect=False)
 
 
 def next_of(items: queue.SimpleQueue[ItemT]) -> ItemT:
