@@ -122,8 +122,8 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
         for key in (f"**/{topic.key}", *protocol.received_keys(topic))
     ]
     yield OPERATOR, _rule("the operator drives robot and person", ["put"], puts)
-    others = _others(puts)
-    yield OPERATOR, _rule("the operator does not bypass the guard", ["put"], others, deny=True)
+    denied = _overlapping(puts)
+    yield OPERATOR, _rule("the operator does not bypass the guard", ["put"], denied, deny=True)
     yield OPERATOR, _rule("the operator controls the run", ["query"], _call_keys(rules))
     yield OPERATOR, _rule(f"{RECORD} answers", ANSWERS, [f"**/{RECORD}/{EVERY}"])
     for command in (RECORD, TELEOP):
@@ -133,8 +133,8 @@ def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
 
 def _service_rules(service: str, nodes: Sequence[Row]) -> Iterator[tuple[str, dict[str, Any]]]:
     puts = [
-        *(key for row in nodes for topic in row.outputs for key in _given(row, topic)),
-        *_given(Row(service), keys.diagnostics(service)),
+        *(key for row in nodes for topic in row.outputs for key in _published(row, topic)),
+        *_published(Row(service), keys.diagnostics(service)),
         # samples from ROS that it passes on to all others
         *(f"**/{topic.key}" for row in nodes for topic in _handed_on(row)),
     ]
@@ -142,8 +142,8 @@ def _service_rules(service: str, nodes: Sequence[Row]) -> Iterator[tuple[str, di
     latched = [key for call in calls for key in protocol.latched_keys(call)]
     puts = list(dict.fromkeys([*puts, *latched]))
     yield service, _rule(f"{service} publishes", ["put"], puts)
-    if others := _others(puts):
-        yield service, _rule(f"{service} does not publish", ["put"], others, deny=True)
+    if denied := _overlapping(puts):
+        yield service, _rule(f"{service} does not publish", ["put"], denied, deny=True)
     keys_of_calls = [*_call_keys(calls), f"**/{service}/{EVERY}"]
     yield service, _rule(f"{service} answers", ANSWERS, keys_of_calls)
     if latched:
@@ -154,7 +154,7 @@ def _service_rules(service: str, nodes: Sequence[Row]) -> Iterator[tuple[str, di
     yield service, _rule(f"{service} is alive", ["liveliness_token"], tokens)
 
 
-def _given(row: Row, topic: keys.Topic[Any]) -> list[str]:
+def _published(row: Row, topic: keys.Topic[Any]) -> list[str]:
     """Return the keys of an output of a node: the plain one, and those of ROS."""
     return [f"**/{topic.key}", *protocol.published_keys(row, topic)]
 
@@ -162,21 +162,18 @@ def _given(row: Row, topic: keys.Topic[Any]) -> list[str]:
 def _handed_on(row: Row) -> list[keys.Topic[Any]]:
     """Return the open topics that a node may receive from ROS."""
     takes = not (row.observes or row.shared)
-    return [given.topic for given in row.inputs if given.topic.open and takes]
+    return [i.topic for i in row.inputs if i.topic.open and takes]
 
 
-def _others(given: Sequence[str]) -> list[str]:
+def _overlapping(allowed: Sequence[str]) -> list[str]:
     """Return other known keys that a rule for keys matches: `**/odom` matches `target/odom`."""
-    given_by = ((row, topic) for row in GRAPH for topic in row.outputs)
-    known = dict.fromkeys(key for row, topic in given_by for key in _given(row, topic))
-    known |= dict.fromkeys(
+    outputs = [(row, topic) for row in GRAPH for topic in row.outputs]
+    known = [key for row, topic in outputs for key in _published(row, topic)]
+    known += [
         key for topic in keys.TOPICS for key in (f"**/{topic.key}", *protocol.received_keys(topic))
-    )
-    return [
-        other
-        for other in known
-        if other not in given and any(other.endswith(key.removeprefix("**")) for key in given)
     ]
+    ends = tuple(key.removeprefix("**") for key in allowed)
+    return [key for key in dict.fromkeys(known) if key not in allowed and key.endswith(ends)]
 
 
 def _tokens(name: str) -> list[str]:

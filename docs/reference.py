@@ -83,7 +83,7 @@ def table(head: str, rows: Iterator[Sequence[str]]) -> str:
 def keys_table(graph: Graph) -> str:
     """Return the topics and queries."""
     rows = (*topic_rows(graph), *call_rows(graph))
-    cells = ((f"`{key}`", kind.replace("/msg", ""), *others) for key, kind, *others in rows)
+    cells = ((f"`{key}`", kind.replace("/msg", ""), *cells) for key, kind, *cells in rows)
     return table("key, message, rate, from, meaning", cells)
 
 
@@ -151,10 +151,13 @@ def settings(
                 kinds[tag] = []
             for inner in settings(kind, section, f"{row.key}.", homes):
                 kinds.setdefault(inner, []).append(str(kind.tag))
-        some = [inner for inner, tags in kinds.items() if 0 < len(tags) < len(structs)]
         rows += [inner for inner, tags in kinds.items() if not tags]
         rows += [inner for inner, tags in kinds.items() if len(tags) == len(structs)]
-        rows += [inner._replace(kinds=f" ({', '.join(kinds[inner])})") for inner in some]
+        rows += [
+            inner._replace(kinds=f" ({', '.join(tags)})")
+            for inner, tags in kinds.items()
+            if 0 < len(tags) < len(structs)
+        ]
     return rows
 
 
@@ -212,7 +215,7 @@ def about(struct: types.StructType) -> str:
 @cache
 def meanings(struct: type) -> dict[str, str]:
     """Return the docstring of each field of a struct."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for base in reversed(struct.__mro__):
         if base.__module__.startswith("mecazen"):
             (definition,) = ast.parse(inspect.getsource(base)).body
@@ -223,8 +226,8 @@ def meanings(struct: type) -> dict[str, str]:
                         ast.AnnAssign(target=ast.Name(id=name)),
                         ast.Expr(value=ast.Constant(value=str(text))),
                     ):
-                        found[name] = line(text)
-    return found
+                        texts[name] = line(text)
+    return texts
 
 
 def commands(command: Any, name: str) -> Iterator[str]:

@@ -41,11 +41,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     del config, files
     if page.file.src_uri.startswith(SOURCE):
         return markdown
-    here = Path(page.file.abs_src_path or "")
+    document = Path(page.file.abs_src_path or "")
 
     def lead(link: re.Match[str]) -> str:
         picture, text, name, anchor = link.groups(default="")
-        path = (here.parent / name).resolve()
+        path = (document.parent / name).resolve()
         text = LINK.sub(lead, text)
         if path.is_dir():
             return text
@@ -56,8 +56,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def _linked(file: File) -> set[Path]:
-    here = Path(file.abs_src_path or "").parent
-    return {(here / link[3]).resolve() for link in LINK.finditer(file.content_string)}
+    folder = Path(file.abs_src_path or "").parent
+    return {(folder / link[3]).resolve() for link in LINK.finditer(file.content_string)}
 
 
 def _page(path: Path) -> str:

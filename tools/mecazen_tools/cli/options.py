@@ -58,9 +58,9 @@ def fitting(table: Table, width: int) -> Table | Text:
     heads = [Text.from_markup(str(column.header)) for column in table.columns]
     lines = []
     for row in zip(*(column.cells for column in table.columns), strict=True):
-        first, *others = (cell if isinstance(cell, Text) else Text(str(cell)) for cell in row)
+        first, *cells = (cell if isinstance(cell, Text) else Text(str(cell)) for cell in row)
         lines.append(Text(" ").join(first.split("\n")))
-        for head, cell in zip(heads[1:], others, strict=True):
+        for head, cell in zip(heads[1:], cells, strict=True):
             if cell:
                 lines.append(Text.assemble("  ", head, ": ", Text(", ").join(cell.split("\n"))))
     return Text("\n").join(lines)

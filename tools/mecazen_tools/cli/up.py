@@ -204,11 +204,11 @@ def overview(diagnostics: Diagnostics, scenario: Scenario) -> tuple[float, str]:
     name = next((part for part in scenario.services if part in WORLDS), "")
     world = diagnostics.reports.get(name, {})
     late_s = 1.0 / (number(world, "rtf") or 1.0) + LATE_S
-    first, *others = [_overview_of(robot, diagnostics, late_s) for robot in scenario.names]
+    robots = [_overview_of(robot, diagnostics, late_s) for robot in scenario.names]
     if "rtf" in world:
-        first.append(f"{world['rtf']} × real time, {world.get('missed_deadlines', '?')} missed")
-    first += [f"warning: {world[name]}" for name in world if name.startswith(WARNING)]
-    lines = "\n".join("  ·  ".join(parts) for parts in (first, *others))
+        robots[0].append(f"{world['rtf']} × real time, {world.get('missed_deadlines', '?')} missed")
+    robots[0] += [f"warning: {world[name]}" for name in world if name.startswith(WARNING)]
+    lines = "\n".join("  ·  ".join(parts) for parts in robots)
     time_s = diagnostics.time_s
     return time_s, f"[bold]t = {time_s:.1f} s[/]  {escape(lines)}"
 
