@@ -15,7 +15,7 @@ from mecazen import keys
 from mecazen.graph import Graph
 from mecazen.messages import Parameter, Parameters
 from mecazen.row import Row, due, every
-from mecazen_tools.cli import app, graph, options, sim
+from mecazen_tools.cli import app, graph, sim
 from mecazen_tools.cli.simulate import measures
 from mecazen_tools.trajectory import Scores
 from rich.console import Console
@@ -43,10 +43,6 @@ def test_a_command_of_an_extra_names_the_extra(argument, error, capsys, monkeypa
 def test_a_run_without_a_person_has_no_measures():
     assert measures(Scores(0.12345, 6.789)) == ("0.1235 m", "6.79°")
     assert measures(Scores(None, None)) == ("-", "-")
-
-
-def test_a_table_has_its_width_where_no_terminal_is():
-    assert options.console(123).width == 123
 
 
 def test_the_clock_receives_what_a_command_asks(monkeypatch):
