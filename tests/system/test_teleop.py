@@ -14,22 +14,11 @@ from mecazen.config import BusConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import GuardState, Time, planar_odometry
 
-ASKS = b"\x1b[?u"
-"""A terminal is asked whether it speaks the keyboard protocol."""
-PLACE = b"\x1b[1;1R"
-"""What any terminal answers to the question that follows."""
-SPEAKS = b"\x1b[?0u" + PLACE
-
 
 class Played:
-    """A command in a terminal of its own.
+    """A command in a terminal of its own."""
 
-    Args:
-        answer: To the question whether it speaks the keyboard protocol.
-        arguments: Of the command.
-    """
-
-    def __init__(self, answer, *arguments):
+    def __init__(self, *arguments):
         self._master, slave = pty.openpty()
         self.process = subprocess.Popen(
             **command(arguments, TERM="xterm", COLUMNS="200"),
@@ -41,7 +30,6 @@ class Played:
         os.close(slave)
         self.text = ""
         """What it has shown."""
-        self._answer = answer
 
     def read(self):
         """Take what it has shown since."""
@@ -51,8 +39,6 @@ class Played:
             except OSError:  # the command has ended
                 return
             self.text += read.decode(errors="replace")
-            if ASKS in read:
-                os.write(self._master, self._answer)
 
     def type(self, text):
         os.write(self._master, text.encode())
@@ -83,8 +69,8 @@ class Robot:
     def _take(self, key):
         return lambda message, _: self.heard.append((key, message.to_planar()))
 
-    def play(self, *arguments, answer=PLACE):
-        self.played.append(Played(answer, *tools(self.config), "teleop", *arguments))
+    def play(self, *arguments):
+        self.played.append(Played(*tools(self.config), "teleop", *arguments))
         return self.played[-1]
 
     def wait(self, condition):
@@ -150,25 +136,22 @@ def test_a_key_drives_until_it_is_let_go_and_the_line_tells_what_happens(robot):
     robot.wait_for(cmd())
 
 
-def test_where_the_terminal_tells_releases_keys_add_up_and_end_at_once(robot):
-    hand = robot.play("--person", "--speed", "1", "--turn", "0.5", answer=SPEAKS)
-    robot.wait(lambda: "\x1b[>11u" in hand.text)
-    walk = keys.TARGET_CMD_VEL.key
-    hand.type("\x1b[119u\x1b[1;1:1D")  # w, and the arrow to the left
-    robot.wait_for(cmd(1.0, yaw=0.5, key=walk))
-    hand.type("\x1b[119;1:3u")
-    robot.wait_for(cmd(yaw=0.5, key=walk))
-    hand.type("\x1b[1;1:3D")
-    robot.wait_for(cmd(key=walk))
-    hand.type("\x1b[99;5u")  # Ctrl-C
+def test_a_person_walks_until_ctrl_c(robot):
+    hand = robot.play("--person", "--speed", "1", "--turn", "0.5")
+    robot.wait(lambda: "nobody listens to target/cmd_vel" in hand.text)
+    hand.type("\x1b[D")  # the arrow to the left
+    robot.wait_for(cmd(yaw=0.5, key=keys.TARGET_CMD_VEL.key))
+    hand.type("U")
+    robot.wait_for(cmd(1.0, yaw=0.5, key=keys.TARGET_CMD_VEL.key))
+    hand.type("\x03")
     robot.wait_for_end()
-    robot.wait(lambda: "\x1b[<u" in hand.text)
+    robot.wait_for(cmd(key=keys.TARGET_CMD_VEL.key))
     assert not any(key == "cmd_vel" for key, _ in robot.heard)
 
 
 def test_a_lost_terminal_brings_the_robot_to_rest(robot):
-    hand = robot.play(answer=SPEAKS)
-    robot.wait(lambda: "\x1b[>11u" in hand.text)
+    hand = robot.play()
+    robot.wait(lambda: "nobody listens" in hand.text)
     hand.type("w")
     robot.wait_for(cmd(0.3))
     hand.hang_up()

@@ -1,16 +1,20 @@
-"""`mecazen teleop`: a robot, or its person, driven by keyboard and gamepad."""
+"""`mecazen teleop`: a robot, or its person, driven by keyboard and gamepad.
+
+Terminals report the press of a key, the first repeat after about half a second, then some tens of
+repeats a second, and no release. A key therefore counts as held until its next repeat is overdue.
+"""
 
 from __future__ import annotations
 
 import math
+import os
 import signal
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from mecazen import keys
@@ -27,13 +31,8 @@ from rich.live import Live
 from rich.text import Text
 from typer import Option
 
-from mecazen_tools import driving
 from mecazen_tools.cli.options import tool_bus
-from mecazen_tools.driving import Hand
 from mecazen_tools.strays import OWN_WAY, goes_own_way, scenario_at
-
-if TYPE_CHECKING:
-    from blessed.keyboard import Keystroke
 
 TELEOP = "teleop"
 """The liveliness token of this command."""
@@ -41,12 +40,120 @@ PERIOD_S = 0.05
 """Period of commands while a key is held [s]: a tenth of the controller's watchdog timeout."""
 STALE_S = 1.0
 """Age at which a message is no longer shown [s]."""
-ANSWER_S = 0.5
-"""Timeout of answers from the terminal [s]."""
-KITTY = 0b1011
-"""Flags of kitty's keyboard protocol: distinct keys, releases, and both for all keys."""
-QUIT = {"q", "ctrl_c"}
-NAMES = {" ": "space", "equals": "=", "plus": "+", "minus": "-", "underscore": "_"}
+FIRST_S = 0.7
+"""Maximum time from a press to the first repeat [s]: 0.66 s in X, 0.5 s on most desktops."""
+REPEAT_S = 0.25
+"""Maximum time between two repeats [s]: 0.04 s, and the delay of a network."""
+
+_AHEAD, _BACK = Twist2D(x=1.0), Twist2D(x=-1.0)
+_LEFT, _RIGHT = Twist2D(yaw=1.0), Twist2D(yaw=-1.0)
+DIRECTIONS = {
+    **{"w": _AHEAD, "up": _AHEAD, "s": _BACK, "down": _BACK},
+    **{"j": _LEFT, "left": _LEFT, "l": _RIGHT, "right": _RIGHT},
+    **{"a": Twist2D(y=1.0), "d": Twist2D(y=-1.0)},
+    # curves, since only the newest key counts
+    **{"u": Twist2D(x=1.0, yaw=1.0), "o": Twist2D(x=1.0, yaw=-1.0)},
+}
+"""Direction of each key, as shares of the speeds."""
+SPEEDS = {"-": -10, "_": -10, "+": 10, "=": 10}
+"""Change of the speeds by each key [%]."""
+MIN_PERCENT, MAX_PERCENT = 10, 300
+STOP = " "
+QUIT = "q"
+HELP = "w a s d or ↑ ↓ move · ← → or j l turn · u o curve · + - speed · space stops · q ends"
+
+SDL = {
+    "SDL_VIDEODRIVER": "dummy",  # no window,
+    "SDL_JOYSTICK_ALLOW_BACKGROUND_EVENTS": "1",  # so none has the focus
+    "SDL_NO_SIGNAL_HANDLERS": "1",
+    "PYGAME_HIDE_SUPPORT_PROMPT": "1",
+}
+FULL_DEFLECTION = 32768.0
+DEAD_ZONE = 0.15
+"""Maximum deflection of a released stick, as a share of its full deflection."""
+
+
+class Hand:
+    """The velocity commanded by hand.
+
+    Args:
+        speed_m_s: Speed along the ground at 100 % [m/s].
+        turn_rad_s: Yaw rate at 100 % [rad/s].
+    """
+
+    def __init__(self, speed_m_s: float, turn_rad_s: float) -> None:
+        self.percent = 100
+        self._speed = speed_m_s
+        self._turn = turn_rad_s
+        self._key, self._until_s = "", -math.inf
+        """The newest key, and the time until which it counts as held [s]."""
+
+    def press(self, key: str, time_s: float) -> None:
+        """Process a press or repeat of a key; keys outside the tables have no effect."""
+        if key == STOP:
+            self._until_s = -math.inf
+        elif key in SPEEDS:
+            self.percent = min(max(self.percent + SPEEDS[key], MIN_PERCENT), MAX_PERCENT)
+        elif key in DIRECTIONS:
+            repeats = key == self._key and time_s < self._until_s
+            self._key, self._until_s = key, time_s + (REPEAT_S if repeats else FIRST_S)
+
+    def command(self, time_s: float, stick: Twist2D) -> Twist2D:
+        """Return the commanded velocity [m/s, m/s, rad/s].
+
+        Args:
+            time_s: The time on the clock of `press` [s].
+            stick: Contribution of a gamepad, as shares of the speeds.
+        """
+        held = DIRECTIONS[self._key] if time_s < self._until_s else Twist2D()
+        x, y, yaw = (pad + key for pad, key in zip(stick, held, strict=True))
+        # diagonal motion is no faster than straight motion
+        speed = self._speed * self.percent / 100 / max(math.hypot(x, y), 1.0)
+        turn = self._turn * self.percent / 100 / max(abs(yaw), 1.0)
+        return Twist2D(x * speed, y * speed, yaw * turn)
+
+
+def find_gamepad() -> tuple[Callable[[], Twist2D], str]:
+    """Find the first gamepad that is plugged in; SDL knows the sticks of most models.
+
+    Returns:
+        A function that returns the velocity of its sticks as shares of the speeds, zero without a
+        gamepad; and a line for the user.
+    """
+    os.environ.update(SDL)
+    try:
+        import pygame  # noqa: PLC0415  # an extra
+        from pygame._sdl2 import controller  # noqa: PLC0415
+    except ImportError:
+        return Twist2D, "keyboard only: a gamepad needs pip install 'mecazen[gamepad]'"
+    try:
+        pygame.display.init()
+        controller.init()
+        known = [n for n in range(controller.get_count()) if controller.is_controller(n)]
+        pad: Any = controller.Controller(known[0]) if known else None
+    except pygame.error as error:
+        return Twist2D, f"keyboard only: no gamepad can be read: {error}"
+    if pad is None:
+        return Twist2D, "keyboard only: no gamepad is plugged in"
+
+    def deflection(axis: int) -> float:
+        """Return a stick's deflection from -1 to 1, without its dead zone."""
+        share = pad.get_axis(axis) / FULL_DEFLECTION
+        beyond = max(abs(share) - DEAD_ZONE, 0.0) / (1.0 - DEAD_ZONE)
+        return math.copysign(beyond, share) if beyond else 0.0
+
+    def twist() -> Twist2D:
+        pygame.event.pump()
+        if not pad.attached():
+            return Twist2D()
+        # positive to the right and towards the hand
+        return Twist2D(
+            x=-deflection(pygame.CONTROLLER_AXIS_LEFTY),
+            y=-deflection(pygame.CONTROLLER_AXIS_LEFTX),
+            yaw=-deflection(pygame.CONTROLLER_AXIS_RIGHTX),
+        )
+
+    return twist, f"gamepad {pad.name}: the left stick moves, the right one turns"
 
 
 class Role(NamedTuple):
@@ -162,44 +269,37 @@ def teleop(
         raise ConfigError("teleop needs a terminal; `mecazen pub cmd_vel` drives without one")
     with tool_bus(context) as bus:
         remote = Remote(bus, PERSON if person else ROBOT, robot)
-        stick, about = driving.find_gamepad()
+        stick, about = find_gamepad()
         for number in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.default_int_handler)
         try:
-            with _keyboard() as (read, reports_release):
-                typer.echo(f"{driving.HELP}\n{about}")
-                hand = Hand(speed, turn, reports_release=reports_release)
-                _drive(bus, remote, hand, stick, read)
+            typer.echo(f"{HELP}\n{about}")
+            _drive(bus, remote, Hand(speed, turn), stick)
         except (OSError, EOFError, termios.error):
             pass  # the terminal has gone
         finally:
             remote.end()
 
 
-def _drive(
-    bus: ZenohBus,
-    remote: Remote,
-    hand: Hand,
-    stick: Callable[[], Twist2D],
-    read: Callable[[float], Keystroke],
-) -> None:
-    """Publish the velocity of the held keys and sticks until a key quits."""
+def _drive(bus: ZenohBus, remote: Remote, hand: Hand, stick: Callable[[], Twist2D]) -> None:
+    """Publish the velocity of the held key and the sticks until a key quits."""
+    from blessed import Terminal  # noqa: PLC0415  # only teleop needs it
+
+    # with styles, blessed queries the terminal, and waits 10 s for a terminal that does not answer
+    terminal = Terminal(force_styling=None)
     due_s = time.monotonic()
-    with Live(console=Console(), auto_refresh=False) as live:
+    with terminal.cbreak(), Live(console=Console(), auto_refresh=False) as live:
         while True:
             due_s = max(due_s + PERIOD_S, time.monotonic())  # skips periods missed during a Ctrl-Z
             stops = False
             while (left_s := due_s - time.monotonic()) > 0.0:
-                if not (press := read(left_s)):
-                    continue
-                key = _name(press)
-                if press.released:
-                    hand.release(key)
-                elif key in QUIT:
+                press = terminal.inkey(left_s, esc_delay=0.0)
+                name = press.name or str(press)  # empty if none came in time
+                key = name.removeprefix("KEY_").removeprefix("SHIFT_").lower()
+                if key == QUIT:
                     return
-                else:
-                    hand.press(key, time.monotonic(), repeated=press.repeated)
-                stops |= key == driving.STOP
+                hand.press(key, time.monotonic())
+                stops |= key == STOP
             bus.drain()
             twist = hand.command(time.monotonic(), stick())
             remote.send(twist, stops=stops)
@@ -209,28 +309,3 @@ def _drive(
             for line in lines:
                 line.no_wrap, line.overflow = True, "ellipsis"
             live.update(Group(*lines), refresh=True)
-
-
-@contextmanager
-def _keyboard() -> Iterator[tuple[Callable[[float], Keystroke], bool]]:
-    """Yield a function that waits for a key up to a time [s], and whether releases are reported."""
-    from blessed import Terminal  # noqa: PLC0415  # only teleop needs it
-
-    # with styles, blessed queries the terminal, and waits 10 s for a terminal that does not answer
-    terminal = Terminal(force_styling=None)
-    with terminal.cbreak():
-        reports_release = terminal.get_kitty_keyboard_state(ANSWER_S) is not None
-        if reports_release:
-            print(f"\x1b[>{KITTY}u", end="", flush=True)
-        try:
-            yield partial(terminal.inkey, esc_delay=0.0), reports_release
-        finally:
-            if reports_release:
-                with suppress(OSError):
-                    print("\x1b[<u", end="", flush=True)
-
-
-def _name(key: Keystroke) -> str:
-    """Return the name of a key in `driving`, equal for capitals and for both protocols."""
-    name = (key.key_name or str(key)).removeprefix("KEY_").removeprefix("SHIFT_").lower()
-    return NAMES.get(name, name)

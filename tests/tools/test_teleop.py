@@ -5,12 +5,14 @@ from types import SimpleNamespace
 
 import pytest
 from mecazen.geometry import Twist2D
-from mecazen_tools import driving
-from mecazen_tools.driving import Hand, find_gamepad
+from mecazen_tools.cli.teleop import SDL, Hand, find_gamepad
+
+REST = Twist2D()
 
 
-def hand(*, reports_release=False):
-    return Hand(0.5, 1.0, reports_release=reports_release)
+@pytest.fixture
+def hand():
+    return Hand(0.5, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -24,62 +26,39 @@ def hand(*, reports_release=False):
         ("x", (0.0, 0.0, 0.0)),
     ],
 )
-def test_a_key_moves_in_its_direction(key, twist):
-    keys = hand()
-    keys.press(key, 10.0)
-    assert keys.command(10.0) == twist
+def test_a_key_moves_in_its_direction(hand, key, twist):
+    hand.press(key, 10.0)
+    assert hand.command(10.0, REST) == twist
 
 
-def test_without_releases_a_key_is_held_until_its_repeats_stop():
-    keys = hand()
-    keys.press("w", 0.0)
-    assert keys.command(0.69).x == 0.5  # the first repeat may take 0.7 s
-    assert keys.command(0.70).x == 0.0
+def test_a_key_is_held_until_its_repeats_stop(hand):
+    hand.press("w", 0.0)
+    assert hand.command(0.69, REST).x == 0.5  # the first repeat may take 0.7 s
+    assert hand.command(0.70, REST).x == 0.0
     for time_s in (1.0, 1.5, 1.54, 1.58):
-        keys.press("w", time_s)
-    assert keys.command(1.82).x == 0.5  # each next one 0.25 s
-    assert keys.command(1.84).x == 0.0
-    keys.press("w", 1.9)
-    assert keys.command(2.5).x == 0.5  # a new press holds for the long time
-    keys.press("a", 2.5)  # the newest key replaces the one before
-    assert keys.command(2.5) == (0.0, 0.5, 0.0)
+        hand.press("w", time_s)
+    assert hand.command(1.82, REST).x == 0.5  # each next one 0.25 s
+    assert hand.command(1.84, REST).x == 0.0
+    hand.press("w", 1.9)
+    assert hand.command(2.5, REST).x == 0.5  # a new press holds for the long time
+    hand.press("a", 2.5)  # the newest key replaces the one before
+    assert hand.command(2.5, REST) == (0.0, 0.5, 0.0)
+    # a stick adds to it; diagonal motion is no faster than straight motion
+    diagonal = (0.5 / 2**0.5, 0.5 / 2**0.5, 0.0)
+    assert hand.command(2.5, Twist2D(x=1.0)) == pytest.approx(diagonal)
 
 
-def test_with_releases_keys_add_up_and_end_at_once():
-    keys = hand(reports_release=True)
-    keys.press("w", 0.0)
-    keys.press("left", 0.5)
-    assert keys.command(0.5) == (0.5, 0.0, 1.0)
-    keys.release("w")
-    assert keys.command(0.5) == (0.0, 0.0, 1.0)
-    keys.release("nothing that is held")
-
-
-def test_with_releases_a_repeat_holds_all_keys_and_silence_none():
-    keys = hand(reports_release=True)
-    keys.press("w", 0.0)
-    keys.press("a", 0.0)
-    keys.press("a", 1.5, repeated=True)
-    # diagonal motion is no faster than straight motion
-    assert keys.command(3.4) == pytest.approx((0.5 / 2**0.5, 0.5 / 2**0.5, 0.0))
-    assert keys.command(3.4, Twist2D(x=1.0, y=1.0)) == keys.command(3.4)
-    assert keys.command(3.5) == (0.0, 0.0, 0.0)  # 2 s later: the line may be cut
-    keys.press("w", 4.0, repeated=True)  # a late repeat of a key that has been released
-    assert keys.command(4.0) == (0.0, 0.0, 0.0)
-
-
-def test_speed_keys_scale_within_limits_and_space_stops():
-    keys = hand()
+def test_speed_keys_scale_within_limits_and_space_stops(hand):
     for _ in range(3):
-        keys.press("+", 0.0)
-    keys.press("u", 0.0)
-    assert keys.command(0.0) == pytest.approx((0.65, 0.0, 1.3))
-    keys.press("space", 0.1)
-    assert keys.command(0.1) == (0.0, 0.0, 0.0)
+        hand.press("+", 0.0)
+    hand.press("u", 0.0)
+    assert hand.command(0.0, REST) == pytest.approx((0.65, 0.0, 1.3))
+    hand.press(" ", 0.1)
+    assert hand.command(0.1, REST) == (0.0, 0.0, 0.0)
     for key, percent in (("-", 10), ("=", 300)):
         for _ in range(50):
-            keys.press(key, 0.0)
-        assert keys.percent == percent
+            hand.press(key, 0.0)
+        assert hand.percent == percent
 
 
 class Pad:
@@ -118,7 +97,7 @@ def plug(monkeypatch):
         monkeypatch.setitem(sys.modules, "pygame", pygame)
         monkeypatch.setitem(sys.modules, "pygame._sdl2", SimpleNamespace(controller=controller))
 
-    for name in driving.SDL:
+    for name in SDL:
         monkeypatch.setenv(name, "")
     return install
 
