@@ -1,9 +1,32 @@
-"""Errors that a user can act on: one clear line each, no traceback."""
+"""What a user reads when something fails: errors in one line, log lines, missing extras."""
 
-from collections.abc import Iterator
+from __future__ import annotations
+
+import importlib.util
+import logging
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from traceback import extract_tb
+
+LIBRARIES = {
+    "physics": "dartpy",
+    "sensors": "mujoco",
+    "follower": "filterpy",
+    "hardware": "serial",
+    "viewer": "rerun",
+    "recorder": "mcap",
+    "ros2": "rosbags",
+    "studies": "joblib",
+    "bench": "distributed",
+}
+"""A library of each extra, by extra; the extra of a service has the service's name."""
+
+
+def is_installed(extra: str) -> bool:
+    """Return whether an extra is installed; a service without one needs nothing more."""
+    return extra not in LIBRARIES or importlib.util.find_spec(LIBRARIES[extra]) is not None
 
 
 class MecazenError(Exception):
@@ -51,10 +74,24 @@ def explaining(name: str) -> Iterator[None]:
 
 def explained(error: Exception) -> str:
     """Return in one line an error of user code and its place in that code."""
-    frames = [f for f in extract_tb(error.__traceback__) if not _is_ours(f.filename)]
+    ours = ("<frozen", str(Path(__file__).parent))
+    frames = [f for f in extract_tb(error.__traceback__) if not f.filename.startswith(ours)]
     where = " > ".join(f"{Path(f.filename).name}:{f.lineno} {f.name}" for f in frames)
     return " ".join(f"{type(error).__name__}: {error} ({where})".split())
 
 
-def _is_ours(file: str) -> bool:
-    return file.startswith(("<frozen", str(Path(__file__).parent)))
+def set_up_log(service: str, time_s: Callable[[], float], level: int = logging.INFO) -> None:
+    """Send logs of a level and above to standard error, with simulated time [s].
+
+    A line is `t=12.340 level=warning service=physics msg=…`.
+    """
+
+    def add_time(record: logging.LogRecord) -> bool:
+        record.time_s, record.level = time_s(), record.levelname.lower()
+        return True
+
+    handler = logging.StreamHandler(sys.stderr)
+    handler.addFilter(add_time)
+    line = f"t=%(time_s).3f level=%(level)s service={service} %(message)s"
+    handler.setFormatter(logging.Formatter(line))
+    logging.basicConfig(level=level, handlers=[handler], force=True)

@@ -21,10 +21,10 @@ NEWTON_STEPS = 8
 """Number of Newton steps; three reach double precision from the asymptotic root."""
 
 
-def product(one: Floats, other: Floats | Sequence[float]) -> Floats:
-    """Return `one @ other`: (..., i, j) by (j) or by (..., j, k)."""
-    is_vector = not isinstance(other, np.ndarray) or other.ndim == 1
-    result: Floats = np.einsum("...ij,j->...i" if is_vector else "...ij,...jk->...ik", one, other)
+def product(left: Floats, right: Floats | Sequence[float]) -> Floats:
+    """Return `left @ right`: (..., i, j) by (j) or by (..., j, k)."""
+    is_vector = not isinstance(right, np.ndarray) or right.ndim == 1
+    result: Floats = np.einsum("...ij,j->...i" if is_vector else "...ij,...jk->...ik", left, right)
     return result
 
 

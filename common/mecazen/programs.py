@@ -15,8 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError, explained
-from mecazen.extras import is_installed
+from mecazen.errors import ConfigError, explained, is_installed
 from mecazen.graph import NODES, SERVICES, Graph, rows, services
 from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, ODOM, TOPICS, Call, Topic
 from mecazen.loop import turns_of

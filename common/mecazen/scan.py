@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +30,7 @@ class Things:
         xy: Positions of the points (n, 2) [m].
         starts: Index of the first point of each of k things (k).
         counts: Number of points of each thing (k).
-        of: Index of the thing of each point (n).
+        index: Index of the thing of each point (n).
         middle: Mean of each thing's points (k, 2) [m].
         width: Twice the distance of the thing's farthest point from its middle (k) [m].
     """
@@ -37,12 +38,12 @@ class Things:
     def __init__(self, xy: Floats, starts: Indices) -> None:
         self.xy, self.starts = xy, starts
         self.counts = np.diff(starts, append=len(xy))
-        self.of = np.repeat(np.arange(len(starts)), self.counts)
+        self.index = np.repeat(np.arange(len(starts)), self.counts)
         self.middle: Floats = np.zeros((0, 2))
         self.width: Floats = np.zeros(0)
         if len(xy):
             self.middle = np.add.reduceat(xy, starts) / self.counts[:, None]
-            off = xy - self.middle[self.of]
+            off = xy - self.middle[self.index]
             squares = off[:, 0] * off[:, 0] + off[:, 1] * off[:, 1]
             self.width = 2.0 * np.sqrt(np.maximum.reduceat(squares, starts))
 
@@ -99,17 +100,15 @@ def by_person(places: Sequence[Sequence[float]], legs: Flags, both: Flags) -> li
         legs: Whether a thing may be a leg (k); the two nearest to each other are one person's.
         both: Whether a thing may be two legs that stand together (k).
     """
-    single = np.flatnonzero(legs).tolist()
-    pairs = sorted(_near(places, single))
-    left, found = set(single), [[i] for i in np.flatnonzero(both).tolist()]
-    for _, i, j in pairs:
-        if {i, j} <= left:
-            left -= {i, j}
-            found.append([i, j])
-    return found + [[i] for i in sorted(left)]
-
-
-def _near(places: Sequence[Sequence[float]], of: Sequence[int]) -> list[tuple[float, int, int]]:
-    """Return the pairs of things within a stride, with their distances [m]."""
-    pairs = ((math.dist(places[i], places[j]), i, j) for i in of for j in of if j < i)
-    return [pair for pair in pairs if pair[0] <= STRIDE_M]
+    legs_left, persons = set(np.flatnonzero(legs).tolist()), []
+    near = sorted(
+        (distance, i, j)
+        for i, j in combinations(sorted(legs_left, reverse=True), 2)
+        if (distance := math.dist(places[i], places[j])) <= STRIDE_M
+    )
+    persons += [[i] for i in np.flatnonzero(both).tolist()]
+    for _, i, j in near:
+        if {i, j} <= legs_left:
+            legs_left -= {i, j}
+            persons.append([i, j])
+    return persons + [[i] for i in sorted(legs_left)]

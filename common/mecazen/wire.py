@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, cast
 import msgspec
 
 from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
-from mecazen.extras import is_installed
+from mecazen.errors import is_installed
 from mecazen.messages import LaserScan, Message, MessageT, Time, Twist, finite_scan
 from mecazen.text import unknown_fields
 

@@ -4,10 +4,10 @@ import doctest
 from types import ModuleType
 
 import pytest
-from mecazen import geometry, robots, wire
+from mecazen import geometry, keys, robots, wire
 
 
-@pytest.mark.parametrize("module", [geometry, robots, wire])
+@pytest.mark.parametrize("module", [geometry, keys, robots, wire])
 def test_what_an_example_shows_is_what_it_gives(module: ModuleType):
     result = doctest.testmod(module)
     assert result.attempted > 0

@@ -6,12 +6,11 @@ from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.health import health
 from mecazen.keys import CLOCK, CMD_VEL, JOINT_STATES, diagnostics
-from mecazen.messages import Clock, KeyValue
+from mecazen.messages import Clock
 from mecazen.runtime.observer import Observer
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
-ALL_WELL = (0, "toy", "ok")
 
 
 class Toy(Observer):
@@ -30,88 +29,72 @@ class Toy(Observer):
         return {"runs": self.runs}
 
 
-@pytest.fixture(autouse=True)
-def toy(bus, scenario):
-    return Toy(bus, scenario)
-
-
 @pytest.fixture
-def reports(bus):
-    """Return the list of health reports: each time [s], and the values."""
-    reports = []
+def reports(bus, scenario):
+    """Return the list of health reports of a toy: each status, with its values as a table."""
+    toy, reports = Toy(bus, scenario), []
 
     def on_report(array, stamp):
         assert array.header.stamp == stamp.time
-        reports.append((stamp.time.sec, {v.key: v.value for v in array.status[0].values}))
+        (status,) = array.status
+        assert status.name == toy.name
+        reports.append((status, {pair.key: pair.value for pair in status.values}))
 
     bus.subscribe(diagnostics("toy"), on_report)
     return reports
 
 
-def at(tick, run=1, seed=9):
-    return Stamp(tick * TICK_NS, run, seed)
+def at(tick, run=1):
+    return Stamp(tick * TICK_NS, run, 9)
 
 
-def test_when_all_is_well_expect_level_ok(bus, put):
-    heard = []
-    bus.subscribe(diagnostics("toy"), lambda array, _: heard.append(array.status[0]))
+def test_refused_payloads_and_unknown_fields_are_warnings(bus, put, reports):
     put(CLOCK, Clock(), at(0))
-    assert [(status.level, status.name, status.message) for status in heard] == [ALL_WELL]
-    assert heard[0].values == (KeyValue("runs", "1"), KeyValue("refused_payloads", "0"))
     for key in ("cmd_vel", "cmd_vel", "joint_states"):
         bus.put_bytes(key, b"x")
     put(CLOCK, Clock(), at(100))
-    assert (heard[1].level, heard[1].message) == (1, "refused payloads")
-    refused = {v.key: v.value for v in heard[1].values if v.key.startswith("refused")}
-    assert refused == {"refused_payloads": "3", "refused/cmd_vel": "2", "refused/joint_states": "1"}
-
-
-def test_a_field_that_is_ignored_is_a_warning(bus, put):
-    heard = []
-    bus.subscribe(diagnostics("toy"), lambda array, _: heard.append(array.status[0]))
     bus.put_bytes("cmd_vel", b'{"linear":{"x":1},"angluar":{}}')
-    put(CLOCK, Clock(), at(0))
-    told = "angluar is ignored; did you mean angular? allowed: linear, angular"
-    assert (heard[0].level, heard[0].message) == (1, "unknown fields")
-    assert KeyValue("ignored/cmd_vel", told) in heard[0].values
+    put(CLOCK, Clock(), at(0, run=2))
+    (well, values), (refused, counts), (ignored, fields) = reports
+    assert (well.level, well.message) == (0, "ok")
+    assert values == {"runs": "1", "refused_payloads": "0"}
+    assert (refused.level, refused.message) == (1, "refused payloads")
+    names = ("refused_payloads", "refused/cmd_vel", "refused/joint_states")
+    assert [counts[name] for name in names] == ["3", "2", "1"]
+    assert ignored.level == 1
+    hint = "angluar is ignored; did you mean angular? allowed: linear, angular"
+    assert fields["ignored/cmd_vel"] == hint
 
 
-def test_rates_and_ages_of_inputs_are_told_once_each_second_in_simulated_time(bus, put, reports):
+def test_rates_and_ages_of_inputs_are_reported_each_second(bus, put, reports):
     for tick in range(301):
         put(CLOCK, Clock(), at(tick))
         if 100 <= tick < 200 and tick % 4 == 0:
             put(CMD_VEL, forward(0.1), at(tick))
         if tick == 250:
             bus.put_bytes("cmd_vel", b"{}")  # is as old as the tick in which it came
-    said = {key: [values.get(key) for _, values in reports] for key in reports[-1][1]}
-    assert [second for second, _ in reports] == [0, 1, 2, 3]
-    assert said["hz/clock"] == [None, "100.0", "100.0", "100.0"]
-    assert said["hz/cmd_vel"] == [None, "0.0", "25.0", "1.0"]
-    assert said["age_s/cmd_vel"] == [None, "never", "0.04", "0.5"]
-    assert said["age_s/joint_states"] == [None, "never", "never", "never"]
+    columns = {key: [values.get(key) for _, values in reports] for key in reports[-1][1]}
+    assert columns["hz/clock"] == [None, "100.0", "100.0", "100.0"]
+    assert columns["hz/cmd_vel"] == [None, "0.0", "25.0", "1.0"]
+    assert columns["age_s/cmd_vel"] == [None, "never", "0.04", "0.5"]
+    # a new run begins with inputs that never came
+    for tick in range(101):
+        put(CLOCK, Clock(), at(tick, run=2))
+    values = reports[-1][1]
+    assert (values["hz/cmd_vel"], values["age_s/cmd_vel"]) == ("0.0", "never")
 
 
-def test_a_new_run_begins_with_inputs_that_never_came(put, reports):
-    for run in (1, 2):
-        for tick in range(101):
-            put(CLOCK, Clock(), at(tick, run=run))
-            if run == 1:
-                put(CMD_VEL, forward(0.1), at(tick, run=run))
-    said = [[values.get(f"{what}/cmd_vel") for what in ("hz", "age_s")] for _, values in reports]
-    assert said == [[None, None], ["100.0", "0.01"], [None, None], ["0.0", "never"]]
-
-
-def test_who_has_gone_and_come_back_is_counted_and_told(bus, put, reports):
-    back = []
-    bus.presence.on_return.append(back.append)
+def test_restarts_of_services_are_counted(bus, put, reports):
+    returned = []
+    bus.presence.on_return.append(returned.append)
     for alive in (True, False, True, True, False, True):
         bus.presence.update("controller", alive=alive)
     for alive in (True, False, True):
         bus.presence.update("tool", alive=alive)
     put(CLOCK, Clock(), at(0))
-    assert back == ["controller", "controller", "tool"]
-    said = {key: value for key, value in reports[0][1].items() if "restarts" in key}
-    assert said == {"restarts/controller": "2"}  # who takes part, not every tool
+    assert returned == ["controller", "controller", "tool"]
+    restarts = {key: value for key, value in reports[0][1].items() if "restarts" in key}
+    assert restarts == {"restarts/controller": "2"}  # of services, not of tools
 
 
 def test_a_service_is_healthy_while_it_holds_its_token(open_bus, router):
@@ -120,7 +103,7 @@ def test_a_service_is_healthy_while_it_holds_its_token(open_bus, router):
     assert health("router", config) == "listens"
     with pytest.raises(MecazenError, match=r"^target is not on the bus$"):
         health("target", config)
-    for token, said in (("target", "waiting for others"), ("target/ready", "ready")):
+    for token, state in (("target", "waiting for others"), ("target/ready", "ready")):
         bus.declare_alive(token)
         wait(client, lambda token=token: token in client.alive())  # the router knows it then
-        assert health("target", config) == said
+        assert health("target", config) == state

@@ -33,22 +33,17 @@ def test_a_thing_across_the_first_beam_is_one():
     assert things.middle[behind] == pytest.approx((-1.0, 0.0), abs=0.01)
     # six beams of a degree at 1 m: five steps, from end to end
     assert things.width[behind] == pytest.approx(5 * math.tau / BEAMS, abs=0.005)
+    # with a gap that holds all of it, it begins after its widest gap
+    assert things_of(ranges, gap_m=3.5).counts.tolist() == [10]
 
 
-def test_one_thing_begins_after_its_widest_gap():
-    ranges = np.full(BEAMS, NOTHING)
-    ranges[100:104] = 1.0
-    (count,) = things_of(ranges, gap_m=2.5).counts
-    assert count == 4
-
-
-@pytest.mark.parametrize("ranges", [[NOTHING] * BEAMS, [6.0] * BEAMS, [math.nan] * BEAMS])
-def test_no_hits_are_no_things(ranges):
-    things = things_of(ranges)
+@pytest.mark.parametrize("value", [NOTHING, 6.0, math.nan])
+def test_no_hits_are_no_things(value):
+    things = things_of([value] * BEAMS)
     assert (len(things.xy), len(things.middle), len(things.width)) == (0, 0, 0)
 
 
-def test_the_nearest_legs_are_one_persons_and_two_that_stand_together_another():
+def test_the_nearest_legs_are_one_persons():
     places = [(0.0, 0.0), (0.3, 0.0), (0.5, 0.0), (3.0, 0.0), (3.0, 1.1 * STRIDE_M)]
     legs = np.array([True, True, True, False, True])
     assert by_person(places, legs, ~legs) == [[3], [2, 1], [0], [4]]

@@ -22,14 +22,7 @@ from mecazen.messages.ros import (
 )
 
 
-class _MecazenMessage(Message):
-    """Base of all messages of `mecazen_msgs`; the name in ROS is the name of the class."""
-
-    def __init_subclass__(cls) -> None:
-        cls.ROS_TYPE = f"mecazen_msgs/msg/{cls.__name__}"
-
-
-class Skeleton(_MecazenMessage):
+class Skeleton(Message):
     """The body of a person: joints in header.frame_id, in the order of `mecazen.skeleton.JOINTS`.
 
     The truth leaves `std` and `confidence` empty; a tracker leaves unmeasured fields empty.
@@ -50,7 +43,7 @@ class Skeleton(_MecazenMessage):
     """Share of the gait cycle since the last foot strike, left and right."""
 
 
-class Skeletons(_MecazenMessage):
+class Skeletons(Message):
     """One frame of a body tracker: all persons seen, in any order; empty if no person was seen.
 
     header.stamp is the time of capture; the message comes later by the tracker's latency.
@@ -60,7 +53,7 @@ class Skeletons(_MecazenMessage):
     skeletons: tuple[Skeleton, ...] = ()
 
 
-class Person(_MecazenMessage):
+class Person(Message):
     """True pose of a person, in the frame of a `People`."""
 
     id: str = ""
@@ -73,14 +66,14 @@ class Person(_MecazenMessage):
     """Joints in the order of `mecazen.skeleton.JOINTS`; empty if no sensor perceives them."""
 
 
-class NamedPose(_MecazenMessage):
+class NamedPose(Message):
     """Name and true pose of a robot."""
 
     name: str = ""
     pose: Pose = Pose()
 
 
-class People(_MecazenMessage):
+class People(Message):
     """All persons in the world (those that robots follow, then all others), and the robots."""
 
     header: Header = Header()
@@ -89,7 +82,7 @@ class People(_MecazenMessage):
     robots: tuple[NamedPose, ...] = ()
 
 
-class Observation(_MecazenMessage):
+class Observation(Message):
     """One frame of the robot's person sensor: all persons seen, in any order; empty if none was.
 
     header.stamp is the time of capture; the message comes later by the sensor's latency.
@@ -101,7 +94,7 @@ class Observation(_MecazenMessage):
     """The sensor's name for each person; empty if the sensor does not distinguish persons."""
 
 
-class FollowerState(_MecazenMessage):
+class FollowerState(Message):
     """The follower's estimate, goal and errors; poses and velocities in header.frame_id."""
 
     header: Header = Header()
@@ -127,7 +120,7 @@ class FollowerState(_MecazenMessage):
     """Reason for a plan other than open."""
 
 
-class GuardState(_MecazenMessage):
+class GuardState(Message):
     """The guard's action on the commanded velocity, and its reason."""
 
     header: Header = Header()
@@ -143,7 +136,7 @@ class GuardState(_MecazenMessage):
     """Bearing of that point from base_link's x axis [rad]."""
 
 
-class SimState(_MecazenMessage):
+class SimState(Message):
     """State of simulated time; the answer to `sim/state` and to the queries that control time."""
 
     clock: Time = Time()
@@ -159,25 +152,25 @@ class SimState(_MecazenMessage):
     missed_deadlines: Count = 0
 
 
-class StepRequest(_MecazenMessage):
+class StepRequest(Message):
     """Request to simulate a number of ticks while paused."""
 
     ticks: Annotated[int, msgspec.Meta(ge=1, le=10**9)] = 1
 
 
-class ResetRequest(_MecazenMessage):
+class ResetRequest(Message):
     """Request to return to the start, with a new seed if one is given."""
 
     seed: UInt32 | None = None
 
 
-class SpeedRequest(_MecazenMessage):
+class SpeedRequest(Message):
     """Request for a number of simulated seconds per wall second."""
 
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
 
 
-class Parameter(_MecazenMessage):
+class Parameter(Message):
     """A setting of the configuration."""
 
     name: str = ""
@@ -187,20 +180,20 @@ class Parameter(_MecazenMessage):
     """Value in TOML; a bare word needs no quotes. Empty: the setting is left out."""
 
 
-class Parameters(_MecazenMessage):
+class Parameters(Message):
     """Changes of the configuration since the start, the last change last."""
 
     header: Header = Header()
     parameters: tuple[Parameter, ...] = ()
 
 
-class ParameterNames(_MecazenMessage):
+class ParameterNames(Message):
     """Names of the requested parameters; empty: all that can be changed."""
 
     names: tuple[str, ...] = ()
 
 
-class ParameterDescriptor(_MecazenMessage):
+class ParameterDescriptor(Message):
     """A parameter that can be changed while the simulation runs, and its allowed values."""
 
     name: str = ""
@@ -215,13 +208,13 @@ class ParameterDescriptor(_MecazenMessage):
     """Allowed values in words."""
 
 
-class ParameterDescriptors(_MecazenMessage):
+class ParameterDescriptors(Message):
     """The answer to `ParameterNames`."""
 
     parameters: tuple[ParameterDescriptor, ...] = ()
 
 
-class OdometryRequest(_MecazenMessage):
+class OdometryRequest(Message):
     """Request to set the odometry to a pose of the robot, in the odometry frame."""
 
     pose: Pose = Pose()

@@ -45,6 +45,11 @@ class Message(msgspec.Struct, frozen=True):
     """Base of all messages."""
 
     ROS_TYPE: ClassVar[str]
+    """Type in ROS; by default the package is the module's name: `mecazen_msgs/msg/Person`."""
+
+    def __init_subclass__(cls) -> None:
+        if "ROS_TYPE" not in vars(cls):
+            cls.ROS_TYPE = f"{cls.__module__.rpartition('.')[2]}/msg/{cls.__name__}"
 
 
 MessageT = TypeVar("MessageT", bound=Message)

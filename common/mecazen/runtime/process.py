@@ -13,13 +13,11 @@ from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
-from mecazen import log
 from mecazen.bus import Bus, StoppedError
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus, next_of
 from mecazen.config import BusConfig, Process, Scenario
-from mecazen.errors import BusError, ConfigError, MecazenError
-from mecazen.extras import is_installed
+from mecazen.errors import BusError, ConfigError, MecazenError, is_installed, set_up_log
 from mecazen.graph import OBSERVERS, SHARED
 from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.programs import classes, graph_of
@@ -79,7 +77,7 @@ def _run_services(process: Process, scenario: Scenario) -> None:
     ]
     configs = [part_of(service, scenario, robot) for service, robot in parts]
     members: list[Host | Observer] = []
-    log.set_up(process.name, lambda: members[0].stamp.time_ns / NS_PER_S if members else 0.0)
+    set_up_log(process.name, lambda: members[0].stamp.time_ns / NS_PER_S if members else 0.0)
     _refuse_taken_names(parts, scenario.bus)
     bus = ZenohBus(scenario.bus, name=first, renamed=scenario.renamed)
     stop_on_signals(bus.stop)
@@ -115,7 +113,7 @@ def _run_services(process: Process, scenario: Scenario) -> None:
 
 
 def _run_router(scenario: Scenario) -> None:
-    log.set_up("router", lambda: 0.0)
+    set_up_log("router", lambda: 0.0)
     stopped: SimpleQueue[None] = SimpleQueue()
     stop_on_signals(partial(stopped.put, None))
     sim = scenario.sim

@@ -142,7 +142,7 @@ def _is_round(things: Things) -> Flags:
     first = xy[starts]
     chord = xy[starts + counts - 1] - first
     chord /= np.maximum(np.hypot(*chord.T), 1e-9)[:, None]
-    off, along = xy - first[things.of], chord[things.of]
+    off, along = xy - first[things.index], chord[things.index]
     off = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
     mean, square = (np.add.reduceat(part, starts) / counts for part in (off, off**2))
     is_round: Flags = square - mean**2 >= (ROUND * things.width) ** 2
@@ -152,10 +152,10 @@ def _is_round(things: Things) -> Flags:
 def _thinned(things: Things) -> tuple[Floats, Indices]:
     """Return the points thinned to `SPACING_M`, and the cluster of each point."""
     along = np.cumsum(np.hypot(*np.diff(things.xy, axis=0, prepend=things.xy[:1]).T))
-    cells = (along - along[things.starts][things.of]) // SPACING_M
+    cells = (along - along[things.starts][things.index]) // SPACING_M
     keep = np.diff(cells, prepend=-1.0) != 0.0
     keep[things.starts] = True
-    return things.xy[keep], things.of[keep]
+    return things.xy[keep], things.index[keep]
 
 
 def _hits(scan: LaserScan, ranges: Floats) -> tuple[Floats, Indices]:

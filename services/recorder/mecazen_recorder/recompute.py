@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 from mecazen.bus import LocalBus
-from mecazen.errors import ConfigError
-from mecazen.extras import is_installed
+from mecazen.errors import ConfigError, is_installed
 from mecazen.graph import GRAPH, NODES, SERVICES
 from mecazen.keys import PARAMETERS
 from mecazen.messages import Message

@@ -10,12 +10,12 @@ from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Any, NamedTuple
 
-from mecazen import keys, log
+from mecazen import keys
 from mecazen.bus import Bus, StoppedError
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import Sent, ZenohBus, bytes_of
 from mecazen.config import RecorderConfig
-from mecazen.errors import BusError
+from mecazen.errors import BusError, set_up_log
 from mecazen.keys import Topic, call_of_robot, of_robot, resolve
 from mecazen.loading import renamed_in, robots_in
 from mecazen.messages import Empty, Message
@@ -264,7 +264,7 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
         except BusError:
             return None  # no simulation runs, as in a replay
 
-    log.set_up("recorder", lambda: recorder.now.time_ns / NS_PER_S)
+    set_up_log("recorder", lambda: recorder.now.time_ns / NS_PER_S)
     recorder = Recorder(bus, config, (), scenario)
     stop_on_signals(bus.stop)
     try:

@@ -14,8 +14,7 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 from mecazen.bus import LocalBus
-from mecazen.errors import ConfigError, MecazenError
-from mecazen.extras import is_installed
+from mecazen.errors import ConfigError, MecazenError, is_installed
 from mecazen.files import open_regular
 from mecazen.urdf import serve_description
 from mecazen.wire import RefusedError

@@ -12,9 +12,8 @@ import msgspec
 import typer
 from mecazen.config import BusConfig, Process
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import ConfigError, MecazenError, is_installed
 from mecazen.explain import one_line
-from mecazen.extras import is_installed
 from mecazen.loading import to_toml
 from mecazen.runtime import process
 from mecazen.schema import Folder

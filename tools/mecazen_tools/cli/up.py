@@ -21,8 +21,7 @@ from mecazen.config import BusConfig, Process, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
 from mecazen.config.services import ViewerConfig
-from mecazen.errors import BusError, ConfigError
-from mecazen.extras import is_installed
+from mecazen.errors import BusError, ConfigError, is_installed
 from mecazen.files import to_value
 from mecazen.graph import OBSERVERS, WORLDS
 from mecazen.loading import load_scenario, parse_settings, scenario_path

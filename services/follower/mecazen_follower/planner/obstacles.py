@@ -78,5 +78,5 @@ def _of_walkers(things: Things, walkers: Floats) -> npt.NDArray[np.bool_]:
     """Return which points are legs: in clusters no wider than two legs, beside a walking person."""
     off = things.middle[:, None] - walkers
     beside = np.hypot(off[..., 0], off[..., 1]).min(axis=1) <= OWN_M
-    of_walkers: npt.NDArray[np.bool_] = ((things.width <= BOTH_LEGS_M) & beside)[things.of]
+    of_walkers: npt.NDArray[np.bool_] = ((things.width <= BOTH_LEGS_M) & beside)[things.index]
     return of_walkers
