@@ -18,11 +18,10 @@ from typing import Any, NamedTuple
 import msgspec
 import typer
 from mecazen.config import Scenario
-from mecazen.config.scenario import NO_KEYS
 from mecazen.explain import describe
 from mecazen.files import to_value
 from mecazen.graph import GRAPH, Graph
-from mecazen.schema import LIVE
+from mecazen.schema import LIVE, NO_KEYS
 from mecazen_ros.types import package_files
 from mecazen_tools.cli.app import app
 from mecazen_tools.cli.graph import call_rows, gives, takes, topic_rows

@@ -1,109 +1,59 @@
-"""Explains an invalid configuration in one line: file, key, problem and allowed values."""
+"""Converts tables to structs, and explains what is wrong: the key, and the allowed values."""
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from datetime import date, datetime, time
 from typing import Any
 
 import msgspec
 import msgspec.inspect as mi
 
-from mecazen.config import Scenario, WorldConfig
-from mecazen.config.scenario import NO_KEYS
-from mecazen.robot import Robot
-from mecazen.schema import Folder, Section
-
-NameSource = Callable[[str, str, bool], str]
-"""Returns the origin of a key's value, given the problem and whether it concerns a whole table."""
+from mecazen.schema import Folder, Section, choose, fields, members
 
 
 def explain(
-    error: msgspec.ValidationError, raw: Any, kind: type[Section], prefix: str, source: NameSource
-) -> str:
-    """Turn msgspec's message into one line with file, key and allowed values."""
-    problem, _, where = str(error).rpartition(" - at `$")
+    error: msgspec.ValidationError, raw: Any, kind: type[Section], prefix: str = ""
+) -> tuple[str, str]:
+    """Return the key that msgspec's error is about, and the problem with the allowed values.
+
+    Args:
+        error: The error of converting `raw` to `kind`.
+        raw: Tables of TOML.
+        kind: The struct.
+        prefix: The key of the tables.
+    """
+    problem, _, path = str(error).rpartition(" - at `$")
     if not problem:
-        problem, where = where, ""
-    steps = re.findall(r"\.?([A-Za-z0-9_-]+)|\[(\d+|\.\.\.)\]", where.rstrip("`"))
-    node, value, trail = _descend(mi.type_info(kind), raw, [name or step for name, step in steps])
-    # the messages of a struct's own checks and of checks of paths are complete
-    own_words = error.__cause__ is not None
+        problem, path = path, ""
+    top = mi.type_info(kind)
+    steps = [name or index for name, index in re.findall(r"\.([\w-]+)|\[(\d+)\]", path)]
+    key, node, value = _follow(top, raw, steps)
     unknown = re.match(r"Object contains unknown field `(.*)`$", problem, re.DOTALL)
-    missing = re.match(r"Object missing required field `(.*)`$", problem)
-    if unknown and not own_words:
-        names = sorted(_fields(node))
-        close = difflib.get_close_matches(unknown[1], names, n=1) or _elsewhere(unknown[1])
-        problem = "unknown key; " + (f"did you mean {close[0]}? " if close else "")
-        problem += f"allowed: {', '.join(names)}"
-        trail = [*trail, unknown[1]]
-    elif missing and not own_words:
-        problem = f"missing; must be {describe(_fields(node).get(missing[1], node))}"
-        trail = [*trail, missing[1]]
-        others = (key for key in _missing(mi.type_info(kind), raw) if key != trail)
-        names = [".".join(filter(None, (prefix, *key))) for key in others]
-        problem += f"; also missing: {', '.join(names)}" if names else ""
-    elif not own_words:
-        problem = f"got {show(value)}; allowed: {describe(node)}{_unit(trail, value, node)}"
-    elif not isinstance(node, mi.StructType):
-        problem += f"; allowed: {describe(node)}"
-    key = ".".join([prefix, *trail] if prefix else trail)
-    name = source(key, problem, own_words and isinstance(node, mi.StructType))
-    parts = (name, "" if name.endswith(f" with --set {key}") else key, problem)
-    return one_line(": ".join(part for part in parts if part))
+    if error.__cause__ is not None:
+        pass  # the message of a struct's own check, or of a path's, is complete
+    elif unknown:
+        name, allowed = unknown[1], sorted(fields(node))
+        sections = [section for section, kind in fields(top).items() if name in fields(kind)]
+        problem = "unknown key; " + suggestion(name, allowed, (f"{s}.{name}" for s in sections))
+        problem += f"allowed: {', '.join(allowed)}"
+        key.append(name)
+    elif problem.startswith("Object missing"):
+        missing = [".".join(filter(None, (prefix, *names))) for names in _missing(top, raw)]
+        return ", ".join(missing), "missing"
+    else:
+        # a path of msgspec does not name the key of a table of any keys: show all of it
+        shown = repr(value) if isinstance(node, mi.DictType) else show(value)
+        problem = f"got {shown:.60}; allowed: {describe(node)}"
+    return ".".join(filter(None, (prefix, *key))), problem
 
 
-def _missing(node: mi.Type, value: Any) -> Iterator[list[str]]:
-    """Yield the keys of all required values that a value lacks; msgspec reports only the first."""
-    node = _choose(node, value)
-    if isinstance(node, mi.StructType) and isinstance(value, dict):
-        for field in node.fields:
-            name = field.encode_name
-            if name in value:
-                yield from ([name, *key] for key in _missing(field.type, value[name]))
-            elif field.required:
-                yield [name]
-    elif isinstance(node, mi.VarTupleType | mi.ListType) and isinstance(value, list | tuple):
-        for index, item in enumerate(value):
-            yield from ([str(index), *key] for key in _missing(node.item_type, item))
-
-
-def _elsewhere(key: str) -> list[str]:
-    """Return the keys of this name in the scenario's sections, with their sections."""
-    sections = _fields(mi.type_info(Scenario)).items()
-    return [f"{name}.{key}" for name, node in sections if key in _fields(node)]
-
-
-def _unit(trail: list[str], value: Any, node: mi.Type) -> str:
-    """Return a hint at the unit if a thousandth of a number that is too large is allowed."""
-    most = getattr(node, "le", None)
-    if most is not None and isinstance(value, int | float) and most < abs(value) <= 1000.0 * most:
-        for suffix, unit in (("_m", "millimetres"), ("_kg", "grams")):
-            if any(key.endswith(suffix) for key in trail):
-                return f"; {value:g} looks like {unit}"
-    return ""
-
-
-def fields_of_choice(kind: type[Section], path: list[str], tag: object) -> set[str]:
-    """Return the keys of the choice `tag` of the table at a path; empty if it has no choices."""
-    node: mi.Type = mi.type_info(kind)
-    for name in path:
-        if isinstance(node, mi.VarTupleType):
-            node = _choose(node.item_type, None)  # the name of an item
-        else:
-            node = _choose(_fields(node).get(name, node), None)
-    choices = node.types if isinstance(node, mi.UnionType) else ()
-    for choice in choices:
-        if isinstance(choice, mi.StructType) and choice.tag == tag:
-            return {*_fields(choice)}
-    return set()
-
-
-def one_line(text: str) -> str:
-    """Return a text with line ends and control characters escaped."""
-    return re.sub(r"[\x00-\x1f\x7f\x85\u2028\u2029]", lambda match: repr(match[0])[1:-1], text)
+def suggestion(word: str, known: Iterable[str], distant: Iterable[str] = ()) -> str:
+    """Return "did you mean …? " with the most similar word, else the first distant; or ""."""
+    close = difflib.get_close_matches(word, list(known), n=1) or [*distant]
+    return f"did you mean {close[0]}? " if close else ""
 
 
 def show(value: Any) -> str:
@@ -118,96 +68,71 @@ def show(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:60]}…"
 
 
-def _descend(node: mi.Type, value: Any, steps: list[str]) -> tuple[mi.Type, Any, list[str]]:
-    """Follow the steps of msgspec's path; return the type and value there, and their keys."""
-    trail = []
+def describe(node: mi.Type) -> str:
+    """Return the allowed values of a type in words."""
+    choices = members(node)
+    tags = [repr(kind.tag) for kind in choices if isinstance(kind, mi.StructType) and kind.tag]
+    return " or ".join(tags or map(_describe, choices))
+
+
+def _describe(node: mi.Type) -> str:
+    match node:
+        case mi.BoolType():
+            return "true or false"
+        case mi.FloatType() | mi.IntType():
+            limits = (">", node.gt), (">=", node.ge), ("<", node.lt), ("<=", node.le)
+            bounds = [f"{sign} {bound:.10g}" for sign, bound in limits if bound is not None]
+            number = "a number" if isinstance(node, mi.FloatType) else "a whole number"
+            return f"{number} {' and '.join(bounds)}".strip()
+        case mi.StrType(pattern=pattern):
+            return f"a string that matches {pattern}" if pattern else "a string"
+        case mi.LiteralType(values=values):
+            return " or ".join(map(repr, values))
+        case mi.VarTupleType() | mi.ListType():
+            least, most = node.min_length, node.max_length
+            bounds = [f"at least {least}"] * bool(least) + [f"at most {most}"] * (most is not None)
+            count = f" of {least if least == most else ' and '.join(bounds)}" if bounds else ""
+            return f"a list{count}, each {describe(node.item_type)}"
+        case mi.TupleType(item_types=items):
+            return f"[{', '.join(map(describe, items))}]"
+        case mi.StructType():
+            return "a table"
+        case mi.DictType(value_type=item):
+            return f"a table, each value {describe(item)}"
+        case mi.CustomType(cls=cls):
+            return f"a path to a {'folder' if cls is Folder else 'file'}"
+        case _:
+            return "any value"
+
+
+def _follow(node: mi.Type, value: Any, steps: Iterable[str]) -> tuple[list[str], mi.Type, Any]:
+    """Follow msgspec's path to a value; return its key, with robots by name, its type and it."""
+    key = []
     for step in steps:
-        node = _choose(node, value)
-        key = step
-        if isinstance(node, mi.DictType):
-            # msgspec does not name the key: take the first value that is no string, or no number
-            kinds = str if isinstance(node.value_type, mi.StrType) else (int, float)
-            wrong = {k: v for k, v in value.items() if type(v) is bool or not isinstance(v, kinds)}
-            node, (key, value) = node.value_type, next(iter((wrong or value).items()))
-        elif isinstance(node, mi.StructType):
-            node, value = _fields(node).get(step, node), value.get(step)
-        elif isinstance(node, mi.UnionType):  # no struct has the tag that is given here
-            value = value.get(step)
-        elif isinstance(node, mi.TupleType):
+        node = choose(node, value)
+        if isinstance(node, mi.TupleType):
             node, value = node.item_types[int(step)], value[int(step)]
         elif isinstance(node, mi.VarTupleType | mi.ListType):
             node, value = node.item_type, value[int(step)]
-            name = str(value.get("name", "")) if isinstance(value, dict) else ""
-            key = name if re.fullmatch(r"[\w-]+", name) else step  # as in `--set`
-        trail.append(key)
-    return _choose(node, value), value, trail
+        else:
+            node, value = fields(node)[step], value.get(step)
+        name = value.get("name") if step.isdigit() and isinstance(value, dict) else None
+        key.append(name if isinstance(name, str) and re.fullmatch(r"[\w-]+", name) else step)
+    return key, choose(node, value), value
 
 
-def _choose(node: mi.Type, value: Any) -> mi.Type:
-    """Return the member of a union that `value` selects by its tag, else the only one, if any."""
-    if isinstance(node, mi.Metadata):
-        node = node.type
-    if not isinstance(node, mi.UnionType):
-        return node
-    members = [t for t in node.types if not isinstance(t, mi.NoneType)]
-    tagged = [t for t in members if isinstance(t, mi.StructType) and isinstance(value, dict)]
-    for member in tagged:
-        if member.tag_field is not None and value.get(member.tag_field) == member.tag:
-            return member
-    return members[0] if len(members) == 1 else node
-
-
-def _fields(node: mi.Type) -> dict[str, mi.Type]:
-    """Return what a table may hold: the type of each key; for a union, the type of its tag."""
-    if isinstance(node, mi.UnionType):
-        return {
-            t.tag_field: node for t in node.types if isinstance(t, mi.StructType) and t.tag_field
-        }
-    if not isinstance(node, mi.StructType):
-        return {}
-    tag = {node.tag_field: mi.LiteralType((node.tag,))} if node.tag_field else {}
-    return {f.encode_name: f.type for f in node.fields if f.encode_name not in NO_KEYS} | tag
-
-
-def describe(node: mi.Type) -> str:
-    """Return what a value of this type may be, in words."""
-    if isinstance(node, mi.Metadata):
-        node = node.type
-    if isinstance(node, mi.BoolType):
-        return "true or false"
-    if isinstance(node, mi.FloatType | mi.IntType):
-        bounds = [
-            f"{sign} {bound:.10g}"
-            for sign, bound in ((">", node.gt), (">=", node.ge), ("<", node.lt), ("<=", node.le))
-            if bound is not None
-        ]
-        return " ".join(
-            [
-                "a number" if isinstance(node, mi.FloatType) else "a whole number",
-                " and ".join(bounds),
-            ]
-        ).strip()
-    if isinstance(node, mi.StrType):
-        return "a string" + (f" that matches {node.pattern}" if node.pattern else "")
-    if isinstance(node, mi.LiteralType):
-        return " or ".join(repr(value) for value in node.values)
-    if isinstance(node, mi.UnionType):
-        tags = [str(t.tag) for t in node.types if isinstance(t, mi.StructType) and t.tag]
-        if tags:
-            return " or ".join(repr(tag) for tag in tags)
-        return " or ".join(describe(t) for t in node.types if not isinstance(t, mi.NoneType))
-    if isinstance(node, mi.VarTupleType | mi.ListType):
-        least, most = node.min_length, node.max_length
-        bounds = [f"at least {least}"] * bool(least) + [f"at most {most}"] * (most is not None)
-        count = f" of {f'{least}' if least == most else ' and '.join(bounds)}" if bounds else ""
-        return f"a list{count}, each {describe(node.item_type)}"
-    if isinstance(node, mi.TupleType):
-        return "[" + ", ".join(describe(t) for t in node.item_types) + "]"
-    if isinstance(node, mi.StructType):
-        files = {Robot: "a robot file, or a table", WorldConfig: "a world file, or a table"}
-        return files.get(node.cls, "a table")
-    if isinstance(node, mi.AnyType):
-        return "any value"
-    if isinstance(node, mi.DictType):
-        return f"a table, each value {describe(node.value_type)}"
-    return "a path to a folder" if getattr(node, "cls", None) is Folder else "a path to a file"
+def _missing(node: mi.Type, value: Any) -> Iterator[list[str]]:
+    """Yield the keys of all required values that a value lacks; msgspec reports only the first."""
+    node = choose(node, value)
+    if isinstance(node, mi.StructType) and isinstance(value, dict):
+        for field in node.fields:
+            name = field.encode_name
+            if name in value:
+                yield from ([name, *key] for key in _missing(field.type, value[name]))
+            elif field.required:
+                yield [name]
+    elif isinstance(node, mi.UnionType) and isinstance(value, dict):
+        yield from ([tag] for tag in fields(node).keys() - value.keys())
+    elif isinstance(node, mi.VarTupleType | mi.ListType) and isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from ([str(index), *key] for key in _missing(node.item_type, item))

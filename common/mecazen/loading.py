@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import difflib
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from numbers import Integral, Real
-from os import PathLike, fspath
+from collections.abc import Callable, Iterable, Mapping
+from os.path import normpath
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import msgspec
+import msgspec.inspect as mi
 import tomli_w
 
-from mecazen import keys
-from mecazen.config import BusConfig, Scenario, with_guard
-from mecazen.config.scenario import NO_KEYS, scenario_with
+from mecazen.config import BusConfig, Scenario, WorldConfig, with_guard
+from mecazen.config.scenario import PROGRAM, scenario_with
 from mecazen.config.sensors import features
 from mecazen.errors import ConfigError, UntrustedError
-from mecazen.explain import explain, fields_of_choice, one_line, show
-from mecazen.files import parse_toml, parse_value, read_toml
-from mecazen.graph import COLLECTOR, CROWD, NODES, rows
-from mecazen.occupancy import take_map
-from mecazen.programs import find
+from mecazen.explain import explain, show, suggestion
+from mecazen.files import parse_toml, parse_value, plain, read_toml
 from mecazen.robot import Robot
-from mecazen.schema import Folder, Output, Section, SectionT
+from mecazen.schema import NO_KEYS, Folder, Output, Section, SectionT, choose, fields, members
 from mecazen.text import printable
 
 OWN = Path(__file__).parent
@@ -34,6 +29,12 @@ SCENARIO_VARIABLE, SETTINGS_VARIABLE = "MECAZEN_SCENARIO", "MECAZEN_SET"
 scenario and no overrides are given."""
 _SECTIONS: dict[str, Any] = {field.name: field.type for field in msgspec.structs.fields(Scenario)}
 """The types of a scenario's fields."""
+_SERVICES: tuple[str, ...] = Scenario.__struct_defaults__[0]
+"""The services of a scenario that lists none."""
+_PARTS: dict[str, type[Section]] = {"robot": Robot, "world": WorldConfig}
+"""Sections that may come from a file."""
+_NAME = r"[\w-]+"
+"""The pattern of the name of a provided file; everything else is a path."""
 
 
 def scenario_path(name: str) -> Path:
@@ -48,20 +49,11 @@ def scenario_path(name: str) -> Path:
 def given_file(name: str, kind: str) -> Path:
     """Return a TOML file given on the command line by its path or as in `named_file`.
 
-    A folder, a pipe or a device is returned as well: `read_toml` refuses it with a message.
-
     Raises:
         ConfigError: There is no such file.
     """
     path = Path(name)
-    if path.is_file():
-        return path
-    try:
-        return named_file(name, kind)
-    except ConfigError:
-        if name and path.exists():
-            return path
-        raise
+    return path if path.is_file() else named_file(name, kind)
 
 
 def named_file(name: str, kind: str, where: str = "") -> Path:
@@ -77,12 +69,10 @@ def named_file(name: str, kind: str, where: str = "") -> Path:
     if (file := folder / f"{name}.toml").is_file():
         return file
     known = sorted(file.stem for file in folder.glob("*.toml"))
-    shown = one_line(name) or "''"
-    close = difflib.get_close_matches(name, known, n=1)
-    meant = f"did you mean {close[0]}? " if close else ""
+    shown = printable(name) or "''"
     raise ConfigError(
-        f"{where}{shown}: no such {'file' if name.endswith('.toml') else kind}; {meant}a path to a "
-        f"TOML file, or one of {', '.join(known)}"
+        f"{where}{shown}: no such {'file' if name.endswith('.toml') else kind}; "
+        f"{suggestion(name, known)}a path to a TOML file, or one of {', '.join(known)}"
     )
 
 
@@ -118,7 +108,17 @@ def parse_settings(overrides: Iterable[str]) -> dict[str, Any]:
     Raises:
         ConfigError: A text is no such setting.
     """
-    return dict(_parse_override(override) for override in overrides)
+    settings = {}
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        key = key.strip()
+        if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
+            raise ConfigError(printable(f"--set {override}: must be key.path=value"))
+        try:
+            settings[key] = parse_value(text)
+        except ConfigError as error:
+            raise ConfigError(f"--set {key}: {error}") from None
+    return settings
 
 
 def from_tables(
@@ -134,122 +134,141 @@ def from_tables(
         ConfigError: One line with the file, the key and the allowed values.
         UntrustedError: The tables name a file, and `opens_files` is false.
     """
-    settings = _plain(settings)
-    given = _strings(list(settings.values()))
-    origin = _Origin(path, settings=tuple(settings), given=given, opens_files=opens_files)
-    if not opens_files:
-        _refuse_files(raw, path)
-    for part in ("robot", "world"):
-        if part in settings:
-            raw[part] = settings.pop(part)
-        if (file := _read_part(part, raw, origin)) is not None:
-            changes = (*origin.changes, *file[1])
-            origin = origin._replace(files={**origin.files, part: file[0]}, changes=changes)
-    # a kind comes first, since it drops keys of another kind from the file
-    for key, value in sorted(settings.items(), key=lambda setting: not _is_kind(setting[0])):
-        _override(raw, key, value)
-    if isinstance(world := raw.get("world"), dict):
-        take_map(world, origin.locate)  # an override may name a map
     for name in NO_KEYS:
         if name in raw:
             raise ConfigError(f"{path}: unknown key '{name}'")
-    _take_programs(raw, origin)
+    settings, folder = _in_toml(settings), path.parent.resolve()
+    # programs come first, since their sections are part of the scenario's type
+    first = [key for key in settings if key.partition(".")[0] in ("programs", "services")]
+    raw = _with_paths(mi.type_info(Scenario), raw, folder)
+    for key in first:
+        override(raw, mi.type_info(Scenario), key, settings[key])
+    sections, unreadable = _take_programs(raw, path)
+    kind = scenario_with(**sections)
+    types = mi.type_info(kind)
+    raw = _with_paths(types, raw, folder)
+    # a whole part comes before its keys, and a kind before the keys of that kind
+    for key in sorted(settings, key=lambda key: (key not in _PARTS, not key.endswith("kind"))):
+        if key not in first:
+            override(raw, types, key, settings[key])
+    robots = _tables(raw.get("robots"))
+    for name in unreadable:
+        _drop_unreadable(name, (raw, *robots))
     _take_sensors(raw)
-    for robot in _tables(raw.get("robots")):
-        _complete(robot, raw, origin)
-    return _convert(raw, scenario_with(**_own_sections(raw, origin)), "", origin)
+    for table in (raw, *robots):
+        for part in _PARTS:
+            _read_part(part, table, path, settings, opens_files=opens_files)
+    for robot in robots:
+        for name in robot.keys() - {"name", "robot", "start"}:
+            robot[name] = _laid_over(raw.get(name, {}), robot[name])
+    return convert(raw, kind, path, settings, opens_files=opens_files)
 
 
-def _refuse_files(raw: dict[str, Any], path: Path) -> None:
-    """Refuse a robot or a world that names a file or a map."""
-    for table in (raw, *_tables(raw.get("robots"))):
-        for part in ("robot", "world"):
-            given = table.get(part, {})
-            if not isinstance(given, dict) or given.keys() & {"file", "map"}:
-                raise UntrustedError(f"{path}: {part} would be read from another file")
+def _in_toml(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with values as in TOML."""
+    tables = {}
+    for key, value in settings.items():
+        try:
+            tables[key] = msgspec.to_builtins(value, enc_hook=plain)
+        except (TypeError, ValueError, RecursionError):
+            text = f"{key}: got {show(value)}; TOML has no such value"
+            raise ConfigError(printable(text)) from None
+    return tables
+
+
+def _with_paths(node: mi.Type, value: Any, folder: Path) -> Any:
+    """Return a value of TOML whose relative paths are joined to a folder."""
+    for kind in members(node):
+        if isinstance(kind, mi.StructType) and kind.cls in _PARTS.values():
+            table = {"file": value} if isinstance(value, str) else value
+            name = table.get("file") if isinstance(table, dict) else None
+            if isinstance(name, str) and not re.fullmatch(_NAME, name):
+                table = table | {"file": normpath(folder / name)}
+            value = table
+        if isinstance(kind, mi.StructType) and isinstance(value, dict):
+            types = fields(kind)
+            value = {
+                key: _with_paths(types[key], item, folder) if key in types else item
+                for key, item in value.items()
+            }
+        elif isinstance(kind, mi.VarTupleType) and isinstance(value, list):
+            value = [_with_paths(kind.item_type, item, folder) for item in value]
+        elif isinstance(kind, mi.DictType) and isinstance(value, dict):
+            value = {key: _with_paths(kind.value_type, item, folder) for key, item in value.items()}
+        elif isinstance(value, str) and value and _is_path(kind, value):
+            value = normpath(folder / value)
+    return value
+
+
+def _is_path(kind: mi.Type, value: str) -> bool:
+    """Return whether a string is a path, or a program that begins with one."""
+    is_program = isinstance(kind, mi.StrType) and kind.pattern == PROGRAM
+    return isinstance(kind, mi.CustomType) or (is_program and ".py:" in value)
 
 
 def _read_part(
-    part: str, table: dict[str, Any], origin: _Origin
-) -> tuple[Path, Sequence[str]] | None:
-    """Read the file of a robot or a world that a table names; apply the table's other values to it.
+    part: str, table: dict[str, Any], path: Path, settings: Iterable[str], *, opens_files: bool
+) -> None:
+    """Read the file of a robot or a world that a table names, and lay the table's values over it.
 
-    The value in the table is a path, the name of a provided file, or a table with either of them:
-    `{ file = "nexus", payload = { … } }`. Return the file and the changed keys; None if the table
-    names no file.
+    The file is a path, or the name of a provided file: `{ file = "nexus", payload = { … } }`.
     """
-    given = table.get(part)
-    changes = dict(given) if isinstance(given, dict) else {"file": given}
-    name = changes.pop("file", None)
-    file: Path | None = None
-    if isinstance(name, str):
-        ours = re.fullmatch(r"[\w-]+", name)
-        where = f"{origin.name(part, 'file', True)}: {part}: "
-        file = named_file(name, part, where) if ours else origin.locate(name)
-    below = read_toml(file) if file else {}
-    if part == "world":
-        take_map(below, _Origin(file or origin.path).locate)
-        take_map(changes, origin.locate)
-    if isinstance(given, dict) or file:
-        table[part] = _laid_over(below, changes)
-    return None if file is None else (file.resolve(), tuple(f"{part}.{key}" for key in changes))
-
-
-def _take_programs(raw: dict[str, Any], origin: _Origin) -> None:
-    """Resolve the paths of user programs, and add user nodes to the services.
-
-    Wrong types are refused when the tables are converted.
-    """
-    programs = raw.get("programs")
-    if not isinstance(programs, dict):
+    value = table.get(part)
+    if not isinstance(value, dict):
         return
+    if not opens_files and value.keys() & {"file", "map"}:
+        raise UntrustedError(f"{path}: {part} would be read from another file")
+    name = value.pop("file", None)
+    if isinstance(name, str):
+        where = f"{_origin(path, settings, part, '')}: {part}: "
+        file = named_file(name, part, where) if re.fullmatch(_NAME, name) else Path(name)
+        kind = _PARTS[part]
+        below = _with_paths(mi.type_info(kind), read_toml(file), file.parent)
+        _take_map(below)
+        convert(dict(below), kind, file)
+        table[part] = value = _laid_over(below, value)
+    _take_map(value)
+
+
+def _take_map(world: dict[str, Any]) -> None:
+    """Add the boxes of the occupancy map that a world names to its obstacles.
+
+    Wrong types are refused when the table is converted.
+    """
+    name, obstacles = world.get("map"), world.get("obstacles", [])
+    if isinstance(name, str) and name and isinstance(obstacles, list):
+        from mecazen.occupancy import read_map  # noqa: PLC0415  # only worlds with a map need it
+
+        del world["map"]
+        world["obstacles"] = [*obstacles, *read_map(Path(name))]
+
+
+def _take_programs(raw: dict[str, Any], path: Path) -> tuple[dict[str, type[Section]], list[str]]:
+    """Add user nodes to the services.
+
+    Return the types of the sections that user programs define, by node name, and the names of the
+    nodes whose program can't be imported here.
+    """
+    table = raw.get("programs")
+    if not isinstance(table, dict) or not table:
+        return {}, []
+    from mecazen.graph import COLLECTOR, NODES  # noqa: PLC0415  # loading is light without programs
+    from mecazen.programs import find  # noqa: PLC0415
+
     taken = {"router", "clock", COLLECTOR, "guard"} | (_SECTIONS.keys() - NODES.keys())
-    for part, program in programs.items():
-        if part in taken or not re.fullmatch("[A-Za-z0-9_-]+", part):
+    for name in table:
+        if name in taken or not re.fullmatch("[A-Za-z0-9_-]+", name):
             raise ConfigError(
-                f"{origin.path}: programs: {part!r} can't be a node's name; a name of its own, of "
+                f"{path}: programs: {name!r} can't be a node's name; a name of its own, of "
                 "letters, digits, _ and -, can"
             )
-        if isinstance(program, str) and ".py:" in program:
-            programs[part] = str(origin.locate(program).resolve())
-    listed = raw.get("services", Scenario.__struct_defaults__[0])
-    own = [name for name in programs if name not in NODES and name not in listed]
-    if own and isinstance(listed, list | tuple):
-        raw["services"] = [*listed, *own]
-
-
-def _take_sensors(raw: dict[str, Any]) -> None:
-    """Add the services that the kind of sensor needs, and the crowd if it is needed.
-
-    The crowd is needed if others walk, or if several robots see each other and all persons. Wrong
-    types are refused when the tables are converted.
-    """
-    sensor, listed = raw.get("sensor", {}), raw.get("services", Scenario.__struct_defaults__[0])
-    if not isinstance(sensor, dict) or not isinstance(listed, list | tuple):
-        return
-    also = sensor.get("also", ())
-    wanted = features(str(sensor.get("kind")), [*map(str, also)] if isinstance(also, list) else [])
-    guard = raw.get("guard")
-    enabled = not isinstance(guard, dict) or guard.get("enabled") is not False
-    wanted = with_guard(wanted, enabled=enabled)
-    always = {row.name for row in rows(frozenset())}
-    needed = dict.fromkeys(row.part_of for row in rows(wanted) if row.name not in always)
-    if "hardware" in listed:  # a real robot has sensors of its own
-        needed.pop("sensors", None)
-    crowd = raw.get(CROWD)
-    walkers = ("walkers", "reactive")
-    walked = isinstance(crowd, dict) and any(crowd.get(name) for name in walkers)
-    if walked or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):
-        needed[CROWD] = None
-    raw["services"] = [*listed, *(name for name in needed if name not in listed)]
-
-
-def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Section]]:
-    """Return the types of the sections that user nodes define, by node name."""
-    given = raw.get("programs")
-    tables = given if isinstance(given, dict) else {}
-    programs = {name: program for name, program in tables.items() if isinstance(program, str)}
-    found: dict[str, type[Section]] = {}
+    listed = raw.get("services", _SERVICES)
+    if isinstance(listed, list | tuple):
+        nodes = [name for name in table if name not in NODES and name not in listed]
+        raw["services"] = [*listed, *nodes]
+    sections: dict[str, type[Section]] = {}
+    unreadable = []
+    programs = {name: program for name, program in table.items() if isinstance(program, str)}
     for name, program in programs.items():
         try:
             section = getattr(find(name, programs), "SECTION", None)
@@ -257,7 +276,7 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
             if name not in NODES:
                 raise
             # a class that replaces a node is needed only in its own process, which refuses it
-            _drop_unreadable(name, raw, origin)
+            unreadable.append(name)
             continue
         if section is None:
             continue
@@ -265,35 +284,56 @@ def _own_sections(raw: dict[str, Any], origin: _Origin) -> dict[str, type[Sectio
             raise ConfigError(
                 f"programs: {name!r} has a section, so its name must be letters, digits and _"
             )
-        if name in _SECTIONS and not issubclass(section, ours := _SECTIONS[name]):
+        if name in _SECTIONS and not issubclass(section, replaced := _SECTIONS[name]):
             raise ConfigError(
                 f"{program}: in the place of {name} its SECTION must be a subclass of "
-                f"mecazen.config.{ours.__name__}"
+                f"mecazen.config.{replaced.__name__}"
             )
-        found[name] = section
-    return found
+        sections[name] = section
+    return sections, unreadable
 
 
-def _drop_unreadable(name: str, raw: dict[str, Any], origin: _Origin) -> None:
+def _drop_unreadable(name: str, tables: Iterable[dict[str, Any]]) -> None:
     """Use the defaults if only a program that is missing here can read the section `name`."""
-    for table in (raw, *_tables(raw.get("robots"))):
+    for table in tables:
         try:
-            _convert(table.get(name, {}), _SECTIONS.get(name, Section), name, origin)
+            convert(table.get(name, {}), _SECTIONS.get(name, Section), "")
         except ConfigError:
             del table[name]
+
+
+def _take_sensors(raw: dict[str, Any]) -> None:
+    """Add the services that the sensors need, and the crowd if it is needed.
+
+    The crowd is needed if other people walk, or if several robots see each other and all persons.
+    Wrong types are refused when the tables are converted.
+    """
+    sensor, listed = raw.get("sensor", {}), raw.get("services", _SERVICES)
+    if not isinstance(sensor, dict) or not isinstance(listed, list | tuple):
+        return
+    also = sensor.get("also", ())
+    wanted = features(str(sensor.get("kind")), [*map(str, also)] if isinstance(also, list) else [])
+    guard = raw.get("guard")
+    enabled = not isinstance(guard, dict) or guard.get("enabled") is not False
+    wanted = with_guard(wanted, enabled=enabled)
+    needed = []
+    # a real robot has sensors of its own
+    if wanted & {"lidar", "tracker", "depth"} and "hardware" not in listed:
+        needed.append("sensors")
+    if wanted & {"body", "legs"}:
+        needed.append("follower")
+    if "guard" in wanted:
+        needed.append("guard")
+    crowd = raw.get("crowd")
+    walks = isinstance(crowd, dict) and (crowd.get("walkers") or crowd.get("reactive"))
+    if walks or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):
+        needed.append("crowd")
+    raw["services"] = [*listed, *(name for name in needed if name not in listed)]
 
 
 def _tables(value: Any) -> list[dict[str, Any]]:
     """Return the tables in a list; other values are refused when the list is converted."""
     return [table for table in value if isinstance(table, dict)] if isinstance(value, list) else []
-
-
-def _complete(robot: dict[str, Any], everyone: dict[str, Any], origin: _Origin) -> None:
-    """Read the robot file of one robot's table; its sections override those for `everyone`."""
-    if (file := _read_part("robot", robot, origin)) is not None:
-        _convert(robot["robot"], Robot, "", _Origin(file[0]))
-    for name in robot.keys() - {"name", "robot", "start"}:
-        robot[name] = _laid_over(everyone.get(name, {}), robot[name])
 
 
 def _laid_over(below: Any, above: Any) -> Any:
@@ -311,13 +351,14 @@ def load_bus(path: Path, settings: Mapping[str, Any] = {}) -> BusConfig:
     Raises:
         ConfigError: One line with the file, the key and the allowed values.
     """
-    raw = {"bus": read_toml(path).get("bus", {})}
-    settings = _plain(settings)
+    tables = {"bus": read_toml(path).get("bus", {})}
+    types = mi.type_info(Scenario)
+    tables = _with_paths(types, tables, path.parent.resolve())
+    settings = _in_toml(settings)
     for key, value in settings.items():
         if key.partition(".")[0] == "bus":
-            _override(raw, key, value)
-    origin = _Origin(path, settings=tuple(settings), given=_strings(list(settings.values())))
-    return _convert(raw["bus"], BusConfig, "bus", origin)
+            override(tables, types, key, value)
+    return convert(tables["bus"], BusConfig, path, settings, prefix="bus")
 
 
 def load_table(
@@ -329,7 +370,7 @@ def load_table(
         ConfigError: One line with the file, the key and the allowed values.
     """
     prepare(raw := read_toml(path))
-    return _convert(raw, kind, "", _Origin(path))
+    return convert(_with_paths(mi.type_info(kind), raw, path.parent.resolve()), kind, path)
 
 
 def effective(scenario: Scenario) -> dict[str, Any]:
@@ -362,14 +403,18 @@ def _parsed(text: str) -> dict[str, Any]:
 def renamed_in(scenario: str | Mapping[str, Any]) -> dict[str, str]:
     """Return `Scenario.renamed` of a scenario in TOML, or of its tables."""
     tables = _parsed(scenario) if isinstance(scenario, str) else scenario
+    from mecazen import keys  # noqa: PLC0415  # loading is light without messages
+
     renamed: dict[str, str] = {}
     for robot in _tables(tables.get("robots")) or [{}]:
-        values = [one.get("controller") for one in (robot, tables)]
-        own, shared = (one if isinstance(one, dict) else {} for one in values)
+        controller: dict[str, Any] = {}
+        for table in (tables, robot):
+            section = table.get("controller")
+            controller |= section if isinstance(section, dict) else {}
         renamed |= keys.renamed(
             str(robot.get("name", "")),
-            command_key=str({**shared, **own}.get("command_key", keys.CMD_VEL.key)),
-            odometry_key=str({**shared, **own}.get("odometry_key", keys.ODOM.key)),
+            command_key=str(controller.get("command_key", keys.CMD_VEL.key)),
+            odometry_key=str(controller.get("odometry_key", keys.ODOM.key)),
         )
     return renamed
 
@@ -382,117 +427,94 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings with values as in TOML: paths as strings, NumPy's numbers as Python's."""
+def override(raw: dict[str, Any], node: mi.Type, key: str, value: Any) -> None:
+    """Put a value into tables of a type; a path is relative to the working directory.
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, PathLike):
-            return fspath(value)
-        if isinstance(value, Integral):
-            return int(value)
-        if isinstance(value, Real):
-            return float(value)
-        raise TypeError
+    Another `kind` drops the keys that it does not have.
 
-    tables = {}
-    for key, value in settings.items():
-        try:
-            tables[key] = msgspec.to_builtins(value, enc_hook=plain)
-        except (TypeError, ValueError, RecursionError):
-            raise ConfigError(
-                one_line(f"{key}: got {show(value)}; TOML has no such value")
-            ) from None
-    return tables
-
-
-def _parse_override(override: str) -> tuple[str, Any]:
-    key, equals, text = override.partition("=")
-    key = key.strip()
-    if not equals or not re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", key):
-        raise ConfigError(one_line(f"--set {override}: must be key.path=value"))
-    try:
-        return key, parse_value(text)
-    except ConfigError as error:
-        raise ConfigError(f"--set {key}: {error}") from None
-
-
-def _strings(value: Any) -> tuple[str, ...]:
-    """Return the strings in a value of TOML."""
-    if isinstance(value, dict | list):
-        each = value.values() if isinstance(value, dict) else value
-        return tuple(text for part in each for text in _strings(part))
-    return (value,) if isinstance(value, str) else ()
-
-
-def _override(raw: dict[str, Any], key: str, value: Any) -> None:
+    Raises:
+        ConfigError: The key leads into a value, or names no robot.
+    """
     *tables, last = names = key.split(".")
     for depth, name in enumerate(tables):
-        table, here = raw.setdefault(name, {}), ".".join(tables[: depth + 1])
+        node = _below(node, raw, name)
+        table, whole = raw.setdefault(name, {}), ".".join(tables[: depth + 1])
         if isinstance(table, list):
             # a key addresses one of several robots by its name
-            table = {str(part["name"]): part for part in _tables(table) if "name" in part} or None
+            table = {str(robot["name"]): robot for robot in _tables(table) if "name" in robot}
             if table and names[depth + 1] not in table:
-                raise ConfigError(f"--set {key}: {here} are {', '.join(table)}")
+                raise ConfigError(f"{key}: {whole} are {', '.join(table)}")
+            table = table or None
         if not isinstance(table, dict):
-            raise ConfigError(f"--set {key}: {here} is not a table")
+            raise ConfigError(f"{key}: {whole} is not a table")
         raw = table
-    if _is_kind(key) and (fields := fields_of_choice(Scenario, tables, value)):
-        for name in raw.keys() - fields:
-            del raw[name]
-    raw[last] = value
+    if last == "kind":
+        for choice in members(node):
+            if isinstance(choice, mi.StructType) and choice.tag == value:
+                for name in raw.keys() - fields(choice).keys():
+                    del raw[name]
+    raw[last] = _with_paths(_below(node, raw, last), value, Path.cwd())
 
 
-def _is_kind(key: str) -> bool:
-    """Return whether a key selects one of several kinds of a table."""
-    return key.rpartition(".")[2] == "kind"
+def _below(node: mi.Type, table: Any, key: str) -> mi.Type:
+    """Return the type of a key of a table, or of a robot by its name."""
+    node = choose(node, table)
+    if isinstance(node, mi.VarTupleType):
+        return node.item_type
+    if isinstance(node, mi.DictType):
+        return node.value_type
+    return fields(node).get(key, mi.AnyType())
 
 
-class _Origin(NamedTuple):
-    """The origin of a scenario's values, for error messages."""
+def convert(
+    raw: Any,
+    kind: type[SectionT],
+    path: Path | str,
+    settings: Iterable[str] = (),
+    *,
+    prefix: str = "",
+    opens_files: bool = True,
+) -> SectionT:
+    """Convert tables to a struct.
 
-    path: Path
-    files: Mapping[str, Path] = {}
-    """Files of the sections `robot` and `world`, if they come from files."""
-    settings: tuple[str, ...] = ()
-    """The keys that are overridden."""
-    given: tuple[str, ...] = ()
-    """Strings of the overrides, compared by identity, since the file may contain equal strings."""
-    changes: tuple[str, ...] = ()
-    """Keys of these files that the scenario changes."""
-    opens_files: bool = True
-    """Whether settings may be paths."""
+    Args:
+        raw: The tables; paths are absolute.
+        kind: The struct.
+        path: The file that the tables come from.
+        settings: The keys of the settings that replaced values of the file.
+        prefix: The key of the tables in the file.
+        opens_files: Whether values may be paths of files to read.
 
-    def locate(self, path: str) -> Path:
-        """Return a path relative to the file, or for an override to the working directory."""
-        is_given = any(path is text for text in self.given)
-        return (Path.cwd() if is_given else self.path.parent) / path
+    Raises:
+        ConfigError: One line with the file, the key and the allowed values.
+        UntrustedError: A value is such a path, and `opens_files` is false.
+    """
 
-    def name(self, key: str, problem: str, of_table: bool) -> str:
-        """Return the file of `key`, and the override that it may come from."""
-        is_changed = any(f"{key}.".startswith(f"{change}.") for change in self.changes)
-        own = self.files.get(key.partition(".")[0])
-        file = self.path if own is None or is_changed else own
-        for setting in self.settings:
-            within = key == setting or key.startswith(f"{setting}.")
-            around = setting.startswith(f"{key}.") if key else True
-            # a problem with a whole table names the keys that matter
-            if within or (around and (not of_table or setting.rpartition(".")[2] in problem)):
-                return f"{file} with --set {setting}"
-        return str(file)
-
-
-def _convert(raw: Any, kind: type[SectionT], prefix: str, origin: _Origin) -> SectionT:
     def to_path(wanted: type, value: Any) -> Path:
         if wanted not in {Path, Folder, Output} or not isinstance(value, str) or not value:
-            raise ValueError(f"got {show(value)}")
-        if not origin.opens_files and wanted is not Output:
-            raise UntrustedError(f"{origin.path}: would open the file {printable(value)}")
-        found = origin.locate(value).resolve()
-        if wanted is not Output and not (found.is_dir() if wanted is Folder else found.is_file()):
-            raise ValueError(f"{found}: no such {'folder' if wanted is Folder else 'file'}")
-        return wanted(found)
+            raise ValueError(f"got {show(value)}; allowed: a path")
+        if not opens_files and wanted is not Output:
+            raise UntrustedError(f"{path}: would open the file {printable(value)}")
+        file = Path(value).resolve()
+        if wanted is not Output and not (file.is_dir() if wanted is Folder else file.is_file()):
+            raise ValueError(f"{file}: no such {'folder' if wanted is Folder else 'file'}")
+        return wanted(file)
 
     try:
         return msgspec.convert(raw, kind, dec_hook=to_path)
     except msgspec.ValidationError as error:
-        raise ConfigError(explain(error, raw, kind, prefix, origin.name)) from None
+        key, problem = explain(error, raw, kind, prefix)
+        origin = _origin(path, settings, key, problem)
+        parts = (origin, "" if origin.endswith(f" with {key}") else key, problem)
+        raise ConfigError(printable(": ".join(filter(None, parts)))) from None
+
+
+def _origin(path: Path | str, settings: Iterable[str], key: str, problem: str) -> str:
+    """Return the file of a key, and the setting that its value may come from."""
+    for setting in settings:
+        within = f"{key}.".startswith(f"{setting}.")
+        # the problem of a whole table names the keys that matter
+        names_it = problem.startswith("got ") or setting.rpartition(".")[2] in problem
+        if within or (names_it and (not key or setting.startswith(f"{key}."))):
+            return f"{path} with {setting}"
+    return str(path)

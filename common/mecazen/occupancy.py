@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,14 +14,13 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from mecazen.errors import ConfigError
-from mecazen.explain import one_line
 from mecazen.files import read_bytes
 from mecazen.geometry import Pose2D
 from mecazen.schema import Probability
+from mecazen.text import printable
 
 HEIGHT_M = 2.0
 """Height of the boxes [m]."""
-MAX_SETTINGS_BYTES = 1 << 16
 MAX_PIXELS = 4096 * 4096
 MAX_BOXES = 5_000
 """Maximum number of boxes, with which a run is still faster than real time on one core; Nav2's
@@ -42,22 +40,6 @@ class _Settings(msgspec.Struct):
     mode: Literal["trinary", "scale", "raw"] = "trinary"
 
 
-def take_map(world: dict[str, Any], locate: Callable[[str], Path]) -> None:
-    """Add the boxes of the occupancy map that a world names to the world's obstacles.
-
-    Args:
-        world: Table of the world; wrong types are refused later, when the table is converted.
-        locate: Returns the file that a path in the table names.
-
-    Raises:
-        ConfigError: See `read_map`.
-    """
-    name, others = world.get("map"), world.get("obstacles", [])
-    if isinstance(name, str) and isinstance(others, list):
-        del world["map"]
-        world["obstacles"] = [*others, *read_map(locate(name))]
-
-
 def read_map(path: Path) -> list[dict[str, Any]]:
     """Return the occupied cells of an occupancy map, as tables of boxes for `[world]`.
 
@@ -66,13 +48,13 @@ def read_map(path: Path) -> list[dict[str, Any]]:
     Raises:
         ConfigError: One line with the file and what is wrong with it, or the missing libraries.
     """
-    content = read_bytes(path, MAX_SETTINGS_BYTES)
+    content = read_bytes(path)
     try:
         settings = msgspec.yaml.decode(content, type=_Settings, strict=False)
     except ImportError:
         raise ConfigError(_MISSING) from None
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
-        raise ConfigError(one_line(f"{path}: {error}")) from None
+        raise ConfigError(printable(f"{path}: {error}")) from None
     if not all(map(math.isfinite, settings.origin)):
         raise ConfigError(f"{path}: origin: got {settings.origin}; allowed: finite numbers")
     image = path.parent / settings.image
@@ -121,7 +103,7 @@ def _occupied(path: Path, settings: _Settings) -> Any:
             alpha = None if wide else np.asarray(picture.convert("RGBA"))[..., 3]
             grey = np.asarray(picture if wide else picture.convert("L")) / (257 if wide else 1)
     except (Image.DecompressionBombError, OSError, SyntaxError, ValueError) as error:
-        raise ConfigError(one_line(f"{path}: no whole PGM, PNG or BMP picture: {error}")) from None
+        raise ConfigError(printable(f"{path}: no whole PGM, PNG or BMP picture: {error}")) from None
     threshold = settings.occupied_thresh
     if settings.mode == "raw":
         return (grey >= 100.0 * threshold) & (grey <= 100.0)

@@ -1,11 +1,12 @@
-"""Building blocks of configuration structs: a strict base class and ranges of numbers."""
+"""Building blocks of configuration structs: a strict base class, ranges, and walks over types."""
 
 from __future__ import annotations
 
 from pathlib import PosixPath
-from typing import Annotated, TypeVar, dataclass_transform
+from typing import Annotated, Any, TypeVar, dataclass_transform
 
 import msgspec
+import msgspec.inspect as mi
 
 FieldT = TypeVar("FieldT")
 
@@ -41,3 +42,41 @@ class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 SectionT = TypeVar("SectionT", bound=Section)
+
+NO_KEYS = ("robot_name", "others")
+"""Fields of a scenario that are no keys of a file: `Scenario.of` fills them in."""
+
+
+def members(node: mi.Type) -> tuple[mi.Type, ...]:
+    """Return the types that a value may have, without metadata and None."""
+    if isinstance(node, mi.Metadata):
+        return members(node.type)
+    if isinstance(node, mi.UnionType):
+        return tuple(member for kind in node.types for member in members(kind))
+    return () if isinstance(node, mi.NoneType) else (node,)
+
+
+def choose(node: mi.Type, value: Any) -> mi.Type:
+    """Return the only member of a type, or the one that the value selects by its tag.
+
+    If the value selects none, return the type itself.
+    """
+    choices = members(node)
+    if len(choices) > 1 and isinstance(value, dict):
+        choices = tuple(
+            kind
+            for kind in choices
+            if isinstance(kind, mi.StructType) and value.get(kind.tag_field or "") == kind.tag
+        )
+    return choices[0] if len(choices) == 1 else node
+
+
+def fields(node: mi.Type) -> dict[str, mi.Type]:
+    """Return the types of the keys of a table, its tag included; of a choice, only the tag."""
+    keys: dict[str, mi.Type] = {}
+    structs = [kind for kind in members(node) if isinstance(kind, mi.StructType)]
+    if len(structs) == 1:
+        (struct,) = structs
+        keys = {f.encode_name: f.type for f in struct.fields if f.encode_name not in NO_KEYS}
+    tags = {kind.tag_field: kind.tag for kind in structs if kind.tag_field}
+    return keys | {field: mi.LiteralType(tuple(kind.tag for kind in structs)) for field in tags}

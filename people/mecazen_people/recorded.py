@@ -19,7 +19,6 @@ from mecazen_people.spline import Spline, limited_slopes, simpson
 
 MAX_DURATION_S = 4 * 3600.0
 """Longest track that is read; a longer one is most likely in the wrong unit."""
-MAX_BYTES = 16 << 20
 MAX_ROWS = 400_000
 """Maximum number of rows; 4 h at 25 Hz have 360,000."""
 MIN_STEP_S = 0.001
@@ -135,7 +134,7 @@ def _walking(speed: float) -> float:
 
 def read_track(file: Path) -> list[Sample]:
     """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others."""
-    lines = StringIO(read_text(file, MAX_BYTES), newline="")
+    lines = StringIO(read_text(file), newline="")
     try:
         samples = list(_rows(csv.DictReader(lines)))
     except (ConfigError, csv.Error) as error:

@@ -1,4 +1,4 @@
-"""The robot file: what follows from its lengths. Wrong files: test_explain."""
+"""The robot file: what follows from its lengths. Wrong files: test_loading."""
 
 import math
 

@@ -1,16 +1,19 @@
-"""Places from small files: walls, doors, tables and ramps become shapes."""
+"""Places: walls, doors, tables and ramps become shapes, and occupancy maps become boxes."""
 
 import math
-from pathlib import Path
+import sys
+from io import BytesIO
 
+import numpy as np
 import pytest
-from harness import error_of
+from harness import ROOT, SCENARIOS, error_of
 from mecazen.config import WorldConfig
 from mecazen.config.world import Box, Door, Patch, Ramp, Table, Wall
 from mecazen.errors import ConfigError
-from mecazen.loading import effective, from_tables, load_scenario, parse_settings, to_toml
+from mecazen.loading import effective, load_scenario, to_toml
+from mecazen.occupancy import MAX_BOXES, read_map
+from PIL import Image
 
-ROOT = Path(__file__).parents[2]
 PLACES = sorted((ROOT / "configs/worlds").glob("*.toml"))
 
 
@@ -64,61 +67,156 @@ def test_a_patch_covers_its_rectangle():
     assert not patch.covers(1.9, 1.1)
 
 
-def read(text, folder, **others):
-    (folder / "place.toml").write_text(text)
-    tables = {"robot": str(ROOT / "configs/robots/nexus.toml"), "world": "place.toml", **others}
-    return from_tables(tables, folder / "test.toml")
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("wals = []", "place.toml: world.wals: unknown key; did you mean walls? allowed: "),
-        ("[[walls]]\npoints_m = [[0, 0]]", "walls.0.points_m: got [[0, 0]]; allowed: a list"),
-        ("[[walls]]\npoints_m = [[0, 0], [0, 0]]", "two points that follow each other must differ"),
-        (
-            "[[walls]]\npoints_m = [[0, 0], [2, 0]]\ndoors = [{ at_m = 1.9, width_m = 1.0 }]",
-            "world.walls.0: doors: one from 1.4 m to 2.4 m along the wall is not within one",
-        ),
-        (
-            "[[walls]]\npoints_m = [[0, 0], [2, 0]]\ndoors = [{ at_m = 1.0, width_m = 1.0 }, "
-            "{ at_m = 1.4, width_m = 1.0 }]",
-            "world.walls.0: doors: two of them overlap",
-        ),
-        (
-            "[[walls]]\npoints_m = [[0, 0], [2, 0]]\n"
-            "doors = [{ at_m = 1.0, width_m = 1.0, sill_m = 0.03 }]",
-            "world.walls.0.doors.0.sill_m: got 0.03; allowed: a number >= 0 and <= 0.01",
-        ),
-        (
-            "[[ramps]]\nlength_m = 1.0\nwidth_m = 1.0\nrise_m = 0.1\nposition_m = [0.0, 0.0]",
-            "world.ramps.0: rise_m = 0.1 must be at most 8% of length_m = 1",
-        ),
-        ("map = 'none.yaml'", "none.yaml: can't be read: No such file or directory"),
-    ],
-)
-def test_what_is_wrong_with_a_world_file_is_one_line_that_names_it(text, expected, tmp_path):
-    problem = error_of(ConfigError, lambda: read(text, tmp_path))
-    assert expected in problem
-
-
-def test_a_scenario_lays_its_changes_over_a_world_file(tmp_path):
-    text = "ground_friction = 0.7\n[[walls]]\npoints_m = [[0, 0], [2, 0]]"
-    changes = {"file": "place.toml", "ground_friction": 0.5, "person": {"radius_m": 0.3}}
-    world = read(text, tmp_path, world=changes).world
-    assert (world.ground_friction, world.person.radius_m, len(world.walls)) == (0.5, 0.3, 1)
-    changes["slope_deg"] = 90.0
-    problem = error_of(ConfigError, lambda: read(text, tmp_path, world=changes))
-    assert f"{tmp_path / 'test.toml'}: world.slope_deg: got 90" in problem
-
-
 @pytest.mark.parametrize("place", PLACES, ids=lambda path: path.stem)
 def test_places_are_free_at_the_start_and_survive_being_printed(place, tmp_path):
-    overrides = (f"world={place}",)
-    scenario = load_scenario(ROOT / "configs/scenarios/senses.toml", parse_settings(overrides))
+    scenario = load_scenario(SCENARIOS / "senses.toml", {"world": place})
     boxes = [solid for solid in scenario.world.solids if isinstance(solid, Box)]
     assert boxes
     for x, y in ((-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)):
         assert not covered(boxes, x, y)
     (tmp_path / "again.toml").write_text(to_toml(scenario))
     assert effective(load_scenario(tmp_path / "again.toml")) == effective(scenario)
+
+
+def map_of(folder, picture: bytes, **changes):
+    settings = {
+        "image": "map.pgm",
+        "resolution": 0.5,
+        "origin": "[1.0, 2.0, 0.0]",
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+        **changes,
+    }
+    (folder / "map.pgm").write_bytes(picture)
+    text = "".join(f"{key}: {value}\n" for key, value in settings.items())
+    (folder / "map.yaml").write_text(text)
+    return folder / "map.yaml"
+
+
+ASCII = b"P2\n# made by hand\n4 3\n255\n0 0 254 205\n0 0 254 254\n254 254 254 0\n"
+
+
+def test_an_occupancy_map_becomes_few_boxes_at_their_places(tmp_path):
+    binary = b"P5 4 3 255\n" + bytes([0, 0, 254, 205, 0, 0, 254, 254, 254, 254, 254, 0])
+    for picture in (ASCII, binary):
+        block, cell = read_map(map_of(tmp_path, picture))
+        # a block of 2 x 2 cells in the upper left corner, and the lower right cell; y is up
+        assert (block["size_m"][:2], block["position_m"]) == ([1.0, 1.0], [1.5, 3.0])
+        assert (cell["size_m"][:2], cell["position_m"]) == ([0.5, 0.5], [2.75, 2.25])
+    (turned, _) = read_map(map_of(tmp_path, ASCII, origin="\n- 0.0\n- 0.0\n- 1.5707963267948966"))
+    assert turned["position_m"] == pytest.approx([-1.0, 0.5])
+    assert turned["yaw_deg"] == pytest.approx(90.0)
+    block, _ = read_map(map_of(tmp_path, ASCII, negate=1))  # white is occupied
+    assert block["position_m"] == [2.5, 3.0]
+
+
+def test_a_world_file_and_a_setting_may_name_a_map(tmp_path):
+    path = map_of(tmp_path, ASCII)
+    (tmp_path / "place.toml").write_text("map = 'map.yaml'\nobstacles = []")
+    for settings in ({"world": tmp_path / "place.toml"}, {"world.map": path}):
+        world = load_scenario(SCENARIOS / "back.toml", settings).world
+        assert [solid.position_m for solid in world.solids] == [(1.5, 3.0), (2.75, 2.25)]
+
+
+def encoded(grey, suffix: str, mode: str = "L") -> bytes:
+    file = BytesIO()
+    Image.fromarray(grey).convert(mode).save(file, suffix)
+    return file.getvalue()
+
+
+def occupied(boxes, shape, resolution):
+    """Return the cells that boxes cover, the top row first; boxes end at the edges of cells."""
+    cells = np.zeros(shape, bool)
+    for box in boxes:
+        (x, y), (length, width, _) = box["position_m"], box["size_m"]
+        left, low, across, up = (
+            round(n / resolution, 6) for n in (x - length / 2, y - width / 2, length, width)
+        )
+        assert all(n == round(n) for n in (left, low, across, up))
+        rows = slice(int(shape[0] - low - up), int(shape[0] - low))
+        cells[rows, int(left) : int(left + across)] = True
+    return cells
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.9])
+def test_boxes_cover_the_occupied_cells_alone(share, tmp_path):
+    cells = np.random.default_rng(1).random((30, 40)) < share
+    picture = encoded(np.where(cells, 0, 255).astype("u1"), "PPM")
+    boxes = read_map(map_of(tmp_path, picture, origin="[0, 0, 0]"))
+    assert (occupied(boxes, cells.shape, 0.5) == cells).all()
+
+
+def test_crossing_walls_are_one_box_each(tmp_path):
+    grey = np.full((21, 31), 254, "u1")
+    grey[10] = grey[:, 5] = grey[:, 25] = 0
+    assert len(read_map(map_of(tmp_path, encoded(grey, "PPM")))) == 3
+
+
+GREYS = np.array([[0, 40, 65, 100, 205, 254, 255]], "u1")
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        # 1 - 65/255 = 0.75 and 1 - 100/255 = 0.61, of which 0.65 is the threshold
+        ({"mode": "scale"}, "1110000"),
+        ({"negate": "true"}, "0000111"),  # 205/255 = 0.80
+        # raw levels are shares of 100; those above are unknown
+        ({"mode": "raw", "occupied_thresh": 0.9}, "0001000"),
+        ({"occupied_thresh": 1.0}, "1000000"),
+    ],
+)
+def test_modes_and_thresholds_are_those_of_map_server(changes, expected, tmp_path):
+    for suffix, mode in (("PPM", "L"), ("PNG", "P"), ("PNG", "RGBA"), ("BMP", "L")):
+        path = map_of(tmp_path, encoded(GREYS, suffix, mode), origin="[0, 0, 0]", **changes)
+        cells = occupied(read_map(path), GREYS.shape, 0.5)
+        assert "".join(str(int(cell)) for cell in cells[0]) == expected, (suffix, mode)
+
+
+def test_transparent_cells_are_unknown_and_16_bits_are_read(tmp_path):
+    half = Image.fromarray(np.zeros((1, 2), "u1")).convert("RGBA")
+    half.putalpha(Image.fromarray(np.array([[255, 0]], "u1")))
+    file = BytesIO()
+    half.save(file, "PNG")
+    wide = encoded(np.array([[0, 65535]], "u2"), "PNG", "I;16")
+    for picture in (file.getvalue(), wide):
+        (box,) = read_map(map_of(tmp_path, picture, origin="[0, 0, 0]"))
+        assert box["position_m"] == [0.25, 0.25]
+
+
+@pytest.mark.parametrize(
+    ("picture", "changes", "line"),
+    [
+        (b"%PDF", {}, "map.pgm: no whole PGM, PNG or BMP picture: cannot identify image file"),
+        (b"P5 9000 9000 255\n0", {}, "has 9000 x 9000 pixels; at most 16,777,216 are allowed: cr"),
+        (b"P5 99999 99999 255\n0", {}, "map.pgm: no whole PGM, PNG or BMP picture: Image size"),
+        (b"P5 4 3 255\n0", {}, "map.pgm: no whole PGM, PNG or BMP picture"),
+        (encoded(GREYS, "PNG")[:45], {}, "map.pgm: no whole PGM, PNG or BMP picture"),
+        (ASCII, {"resolution": 0.0}, "map.yaml: Expected `float` >= 0.001 - at `$.resolution`"),
+        (ASCII, {"origin": "[0, .nan, 0]"}, "map.yaml: origin: got (0.0, nan, 0.0); allowed: fi"),
+        (ASCII, {"mode": "grey"}, "map.yaml: Invalid enum value 'grey' - at `$.mode`"),
+        (ASCII, {"image": "[" * 9999}, "map.yaml: "),
+        (ASCII, {"image": "none.pgm"}, "none.pgm: can't be read: No such file"),
+    ],
+)
+def test_a_map_that_can_not_be_read_is_refused(picture, changes, line, tmp_path):
+    path = map_of(tmp_path, picture, **changes)
+    assert line in error_of(ConfigError, lambda: read_map(path))
+
+
+def test_a_map_of_too_many_boxes_is_refused_with_the_remedy(tmp_path):
+    # the largest picture as a chessboard, so that each occupied cell needs a box
+    even = bytes([0, 255]) * 2048
+    picture = b"P5\n4096 4096\n255\n" + (even + even[::-1]) * 2048
+    problem = error_of(ConfigError, lambda: read_map(map_of(tmp_path, picture)))
+    assert f"its 8,388,608 occupied cells need more than {MAX_BOXES:,} boxes; remove" in problem
+
+
+def test_missing_libraries_are_named(tmp_path, monkeypatch):
+    path = map_of(tmp_path, ASCII)
+    for name in ("yaml", "PIL"):
+        monkeypatch.setitem(sys.modules, name, None)
+        problem = error_of(ConfigError, lambda: read_map(path))
+        assert problem.endswith("Pillow and PyYAML: pip install 'mecazen[maps]'")
+        monkeypatch.undo()

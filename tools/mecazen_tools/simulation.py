@@ -14,7 +14,7 @@ from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.explain import one_line
+from mecazen.explain import show
 from mecazen.files import to_value
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import OBSERVERS
@@ -25,6 +25,7 @@ from mecazen.programs import graph_of
 from mecazen.runtime.clock import Clock
 from mecazen.runtime.host import Host
 from mecazen.runtime.process import observe
+from mecazen.text import printable
 from mecazen.wire import NS_PER_S, Stamp
 from msgspec.structs import replace
 
@@ -237,7 +238,7 @@ class Simulation:
         try:
             texts = {key: to_value(value) for key, value in settings.items()}
         except TypeError as error:
-            raise ConfigError(one_line(f"set_parameters: {error}")) from None
+            raise ConfigError(printable(f"set_parameters: {error}")) from None
         self.clock.live.set(texts)
 
     def command(
@@ -368,12 +369,14 @@ def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) 
     Raises:
         ConfigError: One line with the file, the key and the allowed values.
     """
+    if isinstance(scenario, Scenario):
+        return with_settings(scenario, settings)
     try:
-        if isinstance(scenario, Scenario):
-            return with_settings(scenario, settings)
-        return load_scenario(scenario_path(fspath(scenario)), settings)
-    except ConfigError as error:
-        raise ConfigError(str(error).replace("--set ", "")) from None  # Python has no such option
+        name = fspath(scenario)
+    except TypeError:
+        problem = f"scenario: got {show(scenario)}; must be a name, a file or a Scenario"
+        raise ConfigError(printable(problem)) from None
+    return load_scenario(scenario_path(name), settings)
 
 
 def in_lockstep(scenario: Scenario) -> Scenario:

@@ -25,8 +25,6 @@ from mecazen.config.services import (
 from mecazen.config.world import WorldConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
-from mecazen.graph import OBSERVERS, SHARED
-from mecazen.keys import CALLS, TOPICS, renamed
 from mecazen.robot import Robot
 from mecazen.robots import join_key, seed_of
 from mecazen.schema import AngleDeg, Finite, Section, SectionT
@@ -65,6 +63,8 @@ class RobotConfig(Section):
     follower: FollowerConfig | None = None
 
     def __post_init__(self) -> None:
+        from mecazen.keys import CALLS, TOPICS  # noqa: PLC0415  # only several robots need them
+
         taken = [*(topic.key for topic in TOPICS), *(call.key for call in CALLS), LIVELINESS]
         if self.name in {key.partition("/")[0] for key in taken}:
             raise ValueError(f"name = {self.name!r} begins a key of mecazen's own: take another")
@@ -76,8 +76,14 @@ class RobotConfig(Section):
         return {name: value for name, value in values.items() if isinstance(value, Section)}
 
 
-NO_KEYS = ("robot_name", "others")
-"""Fields that are no keys of a file: `Scenario.of` fills them in."""
+SHARED = ("physics", "hardware", "crowd", "viewer", "recorder", "collector")
+"""Services that run once for all robots."""
+OBSERVERS = ("viewer", "recorder")
+"""Services that no tick waits for and whose exit is no error."""
+PROGRAM = "^.+$"
+"""The pattern of a program, whose file is located as a path."""
+Program = Annotated[str, msgspec.Meta(pattern=PROGRAM)]
+"""`file.py:Class`, `module:Class`, or the name of an installed node."""
 
 
 class Process(NamedTuple):
@@ -109,7 +115,7 @@ class Scenario(Section):
         "follower",
     )
     """The services that take part, by their names; only `programs` names code."""
-    programs: dict[str, str] = msgspec.field(default_factory=dict)
+    programs: dict[str, Program] = msgspec.field(default_factory=dict)
     """User classes by node name: a class that replaces a node, or an additional node, which then
     takes part as well: `follower = "my_follower.py:MyFollower"`."""
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
@@ -230,6 +236,8 @@ class Scenario(Section):
     @property
     def renamed(self) -> dict[str, str]:
         """Keys on the bus that differ from those of their topics, by topic key."""
+        from mecazen.keys import renamed  # noqa: PLC0415  # loading is light without messages
+
         controllers = {name: self.of(name).controller for name in self.names}
         return {
             topic: key

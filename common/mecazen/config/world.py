@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import pairwise, product
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -254,6 +255,8 @@ class Person(Section, frozen=True, kw_only=True):
 class WorldConfig(Section, frozen=True, kw_only=True):
     """The ground, the obstacles on it and the body of every person."""
 
+    map: Path | None = None
+    """An occupancy map of ROS's map_server (YAML): its boxes are added to `obstacles`."""
     ground_friction: NonNegative = 1.0
     """Coulomb coefficient of the ground; the rollers' own multiplies it."""
     slope_deg: Annotated[float, msgspec.Meta(ge=0.0, le=45.0)] = 0.0

@@ -11,16 +11,16 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 import yaml
 from mecazen.errors import ConfigError
-from mecazen.explain import one_line
-from mecazen.files import MAX_DEPTH, read_text
+from mecazen.files import read_text
 from mecazen.geometry import Pose2D
+from mecazen.text import printable
 
 from mecazen_experiments.followbench.view import Place
 
 SAMPLE = Path(__file__).with_name("sample")
 """The episodes that come with this package."""
-MAX_BYTES = 1 << 20
-"""Maximum size of an episode; the largest published one has 0.1 MiB."""
+MAX_DEPTH = 32
+"""Maximum nesting of an episode."""
 GOAL_THRESHOLD_M = 0.1
 """Default distance at which a way-point is reached [m]."""
 ROBOT_M = (0.70, 0.55)
@@ -196,7 +196,7 @@ def read_folder(folder: Path) -> tuple[dict[Path, Episode], list[str]]:
     """
     paths = sorted(folder.rglob("*.yaml"))
     if not paths:
-        raise ConfigError(one_line(f"{folder}: must be a folder with episodes (*.yaml)"))
+        raise ConfigError(printable(f"{folder}: must be a folder with episodes (*.yaml)"))
     episodes: dict[Path, Episode] = {}
     problems: list[str] = []
     for path in paths:
@@ -304,7 +304,7 @@ def _parse(path: Path) -> Any:
     Raises:
         ConfigError: One line with the path and the reason.
     """
-    text = read_text(path, MAX_BYTES)
+    text = read_text(path)
     depth = 0
     try:
         for event in yaml.parse(text, Loader):
@@ -323,4 +323,4 @@ def _parse(path: Path) -> Any:
 
 
 def _invalid(path: Path, problem: str) -> ConfigError:
-    return ConfigError(one_line(f"{path}: {problem}"))
+    return ConfigError(printable(f"{path}: {problem}"))

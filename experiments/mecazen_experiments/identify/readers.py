@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 from mecazen.errors import ConfigError
-from mecazen.explain import one_line
 from mecazen.files import read_bytes
 from mecazen.robot import WHEELS
+from mecazen.text import printable
 
 from mecazen_experiments.identify.runs import MAX_PERIOD_S, Array, Run, checked
 
@@ -112,7 +112,7 @@ def csv_files(paths: Sequence[Path], names: Mapping[str, str]) -> list[Run]:
         wanted = [names.get(name, name) for name in COLUMNS]
         if lacking := [name for name in wanted if name not in given]:
             raise ConfigError(
-                one_line(
+                printable(
                     f"{path}: no column {lacking[0]!r}; its columns are {', '.join(given)}; "
                     "--columns maps names"
                 )
@@ -140,7 +140,7 @@ def _seconds(times: Array) -> tuple[Array, str]:
 def _text(path: Path) -> str:
     if path.suffix in (".db3", ".bag"):
         raise ConfigError(
-            one_line(
+            printable(
                 f"{path}: a bag of ROS can't be read; export its joint states and reference to CSV "
                 f"with the columns {', '.join(COLUMNS)}"
             )
@@ -152,7 +152,7 @@ def _text(path: Path) -> str:
         return content.decode()
     except (OSError, EOFError, UnicodeDecodeError) as error:
         raise ConfigError(
-            one_line(f"{path}: can't be read as CSV, plain or as gzip: {error}")
+            printable(f"{path}: can't be read as CSV, plain or as gzip: {error}")
         ) from None
 
 
@@ -181,5 +181,5 @@ def _first_error(text: str, path: Path, columns: int, first_line: int) -> str:
             try:
                 float(cell)
             except ValueError:
-                return one_line(f"{path}: line {number}: {cell!r} is not a number")
+                return printable(f"{path}: line {number}: {cell!r} is not a number")
     return f"{path}: is not a table of numbers"

@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import msgspec
-from mecazen.errors import ConfigError
-from mecazen.explain import explain
-from mecazen.files import read_toml
+from mecazen.loading import load_table
 from mecazen.schema import Finite, Positive, Section
 
 from mecazen_people.spline import Spline, natural_slopes
@@ -143,8 +141,4 @@ def read_norm(file: Path) -> Norm:
     Raises:
         ConfigError: One line with the file, the key and the allowed values.
     """
-    raw = read_toml(file)
-    try:
-        return msgspec.convert(raw, Norm)
-    except msgspec.ValidationError as error:
-        raise ConfigError(explain(error, raw, Norm, "", lambda *_: str(file))) from None
+    return load_table(file, Norm)

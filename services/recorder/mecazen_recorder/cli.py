@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 import typer
 from mecazen.errors import BusError, ConfigError, MecazenError, UntrustedError
-from mecazen.explain import one_line
 from mecazen.graph import WORLDS
 from mecazen.keys import CLOCK, TOPICS
 from mecazen.robots import join_key
+from mecazen.text import printable
 from mecazen.wire import NS_PER_S
 from mecazen_tools.cli.options import tool_bus
 from mecazen_tools.strays import OPEN, mistake
@@ -236,7 +236,7 @@ def info(
         longest = "-" if key.longest_gap_s is None else f"{key.longest_gap_s:g} s"
         message = key.type.rpartition("/msg/")[2]  # a terminal is narrow, and keys may be long
         cells = key.key, message, str(key.count), rate, str(key.gaps), longest
-        table.add_row(*(Text(one_line(cell)) for cell in cells))  # any client can choose a key
+        table.add_row(*(Text(printable(cell)) for cell in cells))  # any client can choose a key
     Console().print(table)
     for run in found.runs:
         known = "" if run.has_scenario else ", without its configuration"
@@ -245,7 +245,7 @@ def info(
         span = f"{run.begin_s:g} to {run.end_s:g} s"
         typer.echo(f"run {run.run}{seed}{robots}: {span}{known}")
         for change in run.changes:
-            typer.echo(one_line(f"  changed at {change}"))
+            typer.echo(printable(f"  changed at {change}"))
 
 
 def plot(

@@ -19,8 +19,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario
 from mecazen.errors import UntrustedError
-from mecazen.explain import one_line
-from mecazen.files import MAX_BYTES, MAX_TOML_BYTES, open_regular, parse_toml
+from mecazen.files import open_regular, parse_toml
 from mecazen.graph import NODES
 from mecazen.keys import TOPICS
 from mecazen.loading import from_tables, renamed_in, robots_in
@@ -37,6 +36,9 @@ from mecazen_recorder.writer import LIBRARY, URDF, RecordingError
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
 """Errors of the library on missing or corrupt bytes."""
 
+MAX_BYTES = 64 << 20
+"""Maximum size of a record [bytes]."""
+MAX_SCENARIO_BYTES = 4 << 20
 MAX_CHUNK_BYTES = 1 << 24
 """Maximum size of a chunk, expanded [bytes]: chunks of the writer have about 1 MiB."""
 MOST_FOLD = 1000
@@ -230,7 +232,7 @@ class Recording:
         try:
             tables = parse_toml(self.scenarios[run])
         except ValueError as error:
-            reason = one_line(f"the configuration of run {run} is damaged: {error}")
+            reason = printable(f"the configuration of run {run} is damaged: {error}")
             raise RecordingError(f"{self.path}: {reason}") from None
         code = {} if self.trusted else _code(tables)
         programs = tables["programs"] if isinstance(tables.get("programs"), dict) else {}
@@ -296,7 +298,7 @@ class Recording:
         # metadata has no checksum: ignore invalid values
         if record.name == "run" and (number := _numbers(record.metadata.get("run"))):
             scenario = record.metadata.get("scenario")
-            if scenario is not None and len(scenario) <= MAX_TOML_BYTES:
+            if scenario is not None and len(scenario) <= MAX_SCENARIO_BYTES:
                 self.scenarios[number[0]] = scenario
                 self._robots[number[0]] = robots_in(scenario)
                 renamed = renamed_in(scenario)

@@ -13,10 +13,10 @@ import typer
 from mecazen.config import BusConfig, Process
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.errors import ConfigError, MecazenError, is_installed
-from mecazen.explain import one_line
 from mecazen.loading import to_toml
 from mecazen.runtime import process
 from mecazen.schema import Folder
+from mecazen.text import printable
 from typer import Argument, Option
 
 from mecazen_tools.cli import graph, sim, simulate, status, talk, teleop, up
@@ -205,7 +205,7 @@ def main(commands: typer.Typer = app) -> None:
 
 def _usage_error(error: typer.TyperException) -> str:
     """Return the error of a command line in one line; empty if help was shown."""
-    problem = one_line(error.format_message().strip()).rstrip(".")
+    problem = printable(error.format_message().strip()).rstrip(".")
     if not problem:
         return ""
     context = getattr(error, "ctx", None)  # set for an error in the usage of a command

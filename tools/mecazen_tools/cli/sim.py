@@ -8,7 +8,6 @@ import msgspec
 import typer
 from mecazen import keys
 from mecazen.errors import BusError, ConfigError
-from mecazen.explain import one_line
 from mecazen.keys import AnswerT, Call, RequestT
 from mecazen.messages import (
     Empty,
@@ -21,6 +20,7 @@ from mecazen.messages import (
     SpeedRequest,
     StepRequest,
 )
+from mecazen.text import printable
 from mecazen.wire import NS_PER_S
 from rich.table import Table
 from rich.text import Text
@@ -101,7 +101,7 @@ def _ask(context: typer.Context, call: Call[RequestT, AnswerT], request: Request
             return bus.call(call, request)
         except BusError as error:
             # the reason names its subject
-            raise ConfigError(one_line(str(error).removeprefix(f"{call.key}: "))) from None
+            raise ConfigError(printable(str(error).removeprefix(f"{call.key}: "))) from None
 
 
 @param_app.command(name="list")
@@ -129,7 +129,7 @@ def list_(
     for parameter in parameters:
         value = parameter.value or "left out"
         cells = parameter.name, value, parameter.unit, parameter.allowed
-        table.add_row(*(Text(one_line(cell)) for cell in cells))
+        table.add_row(*(Text(printable(cell)) for cell in cells))
     terminal = console(160)
     terminal.print(fitting(table, terminal.width))
 
@@ -145,7 +145,7 @@ def get(
     """
     answer = _ask(context, keys.GET_PARAMETERS, ParameterNames(names=tuple(names)))
     for parameter in answer.parameters:
-        typer.echo(one_line(f"{parameter.name}={parameter.value}"))
+        typer.echo(printable(f"{parameter.name}={parameter.value}"))
 
 
 @param_app.command(name="set")
@@ -174,4 +174,4 @@ def set_(
     answer = _ask(context, keys.SET_PARAMETERS, Parameters(parameters=tuple(changes)))
     begin_s = answer.header.stamp.ns / NS_PER_S
     for parameter in answer.parameters:
-        typer.echo(one_line(f"{parameter.name}={parameter.value} from t = {begin_s:g} s on"))
+        typer.echo(printable(f"{parameter.name}={parameter.value} from t = {begin_s:g} s on"))
