@@ -12,10 +12,11 @@ import pytest
 import typer
 from harness import command
 from mecazen import keys
+from mecazen.errors import BusError
 from mecazen.graph import Graph
 from mecazen.messages import Parameter, Parameters
 from mecazen.row import Row, due, every
-from mecazen_tools.cli import app, graph, sim
+from mecazen_tools.cli import app, graph, options, sim, talk
 from mecazen_tools.cli.simulate import measures
 from mecazen_tools.trajectory import Scores
 from rich.console import Console
@@ -71,6 +72,47 @@ def test_the_clock_receives_what_a_command_asks(monkeypatch):
     ]
 
 
+def test_samples_are_written_and_read_as_json(monkeypatch):
+    samples, handlers = [], []
+
+    def refuse(call, *_):
+        raise BusError(f"{call.key}: no answer")
+
+    def spin_once(timeout_s=None):
+        for handler in handlers:
+            handler("my/key", b"[1, 2]", "", None)
+            handler("odom", b"{", "application/json", None)
+        return True
+
+    bus = SimpleNamespace(
+        alive=set,
+        call=refuse,
+        put_bytes=lambda *sample: samples.append(sample),
+        subscribe_bytes=lambda _, handler: handlers.append(handler),
+        spin_once=spin_once,
+    )
+    monkeypatch.setattr(talk, "tool_bus", lambda _: nullcontext(bus))
+    drive = [
+        "pub",
+        "cmd_vel",
+        '{"linear":{"x":0.5,"q":1}}',
+        "--rate",
+        "1000",
+        "--duration",
+        "0.003",
+    ]
+    published = CliRunner().invoke(app.app, drive)
+    assert samples == [("cmd_vel", drive[2].encode(), "application/json")] * 3
+    first, second = published.stderr.splitlines()
+    assert first.startswith("warning: cmd_vel: linear.q is ignored; ")
+    assert second == "warning: cmd_vel: no service that runs there takes it"
+    shown = CliRunner().invoke(app.app, ["echo", "my/key", "--count", "1"])
+    assert shown.stdout == "[1,2]\n"
+    unknown, broken = shown.stderr.splitlines()
+    assert unknown == "warning: my/key: no key of mecazen; `mecazen topics` shows all"
+    assert broken.startswith("odom: 1 bytes that are no message: ")
+
+
 def commands(group, name="mecazen"):
     """Yield every command of a group with its whole name."""
     for part in getattr(group, "commands", {}).values():
@@ -87,7 +129,7 @@ def test_the_help_shows_what_is_in_brackets():
 
 
 def test_a_narrow_terminal_shows_whole_keys(monkeypatch):
-    monkeypatch.setattr(graph, "console", lambda _: Console(width=50))
+    monkeypatch.setattr(options, "console", lambda _: Console(width=50))
     for line in (["topics"], ["graph"]):
         shown = CliRunner().invoke(app.app, line).stdout
         assert "…" not in shown

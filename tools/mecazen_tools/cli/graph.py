@@ -21,7 +21,7 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
-from mecazen_tools.cli.options import Settings, console, fitting, load, receive, tool_bus
+from mecazen_tools.cli.options import Settings, load, print_table, receive, tool_bus
 
 LIVE_S = 1.0
 
@@ -122,8 +122,7 @@ def graph(
         process = process_of.get(row.name, row.name)
         place = row.name if process == row.name else f"{row.name}\nin {process}"
         table.add_row(*map(Text, (place, takes(row, "\n"), gives(row, "\n", loaded))))
-    terminal = console(160)
-    terminal.print(fitting(table, terminal.width))
+    print_table(table, 160)
 
 
 def topics(
@@ -148,8 +147,7 @@ def topics(
     table.add_section()
     for key, message, *cells in call_rows(nodes):
         table.add_row(*map(Text, (key, message.replace("/msg", ""), *cells)))
-    terminal = console(200)
-    terminal.print(fitting(table, terminal.width))
+    print_table(table, 200)
 
 
 def _live_rates(context: typer.Context, nodes: Graph, renamed: Mapping[str, str]) -> dict[str, str]:

@@ -66,6 +66,12 @@ def fitting(table: Table, width: int) -> Table | Text:
     return Text("\n").join(lines)
 
 
+def print_table(table: Table, width: int) -> None:
+    """Print a table to the terminal, or as text of a `width` [characters]."""
+    terminal = console(width)
+    terminal.print(fitting(table, terminal.width))
+
+
 def load(scenario: str, settings: list[str] | None) -> Scenario:
     """Load a scenario by name or path."""
     return load_scenario(scenario_path(scenario), parse_settings(settings or ()))
