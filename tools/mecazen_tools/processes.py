@@ -13,13 +13,14 @@ import time
 from collections import deque
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import FileIO
 from multiprocessing import parent_process
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from selectors import EVENT_READ, DefaultSelector
+from typing import Literal, NamedTuple
 
 from mecazen.bus.ports import LOOPBACK, free_port
 from mecazen.config import Process
@@ -63,8 +64,8 @@ class _Part:
     process: Process
     """Its services and robot."""
     needed: bool
-    child: ForkServerProcess
-    log: FileIO
+    child: ForkServerProcess = field(init=False)
+    log: FileIO = field(init=False)
     """Its standard error, not blocking."""
     begun: bytes = b""
     """Begin of a line of the log."""
@@ -99,7 +100,8 @@ class Supervisor:
         self._path, self._settings = str(path), tuple(settings)
         self._restart = restart
         self._parts: dict[str, _Part] = {}
-        self._running: list[_Part] = []
+        self._sources = DefaultSelector()
+        """Logs of running processes, and what becomes readable at their ends."""
         self._ended: deque[_Part] = deque()
         self._lines: deque[Line] = deque()
         start_server()
@@ -121,21 +123,23 @@ class Supervisor:
         Raises:
             ProcessError: The fork server has ended.
         """
-        part = self._parts[process.name] = _Part(process, needed, *self._fork(process))
-        self._running.append(part)
+        part = self._parts[process.name] = _Part(process, needed)
+        self._fork(part)
 
-    def _fork(self, process: Process) -> tuple[ForkServerProcess, FileIO]:
+    def _fork(self, part: _Part) -> None:
         out, into = os.pipe()
         os.set_blocking(out, False)
         with Connection(into, readable=False) as log, starting():
-            arguments = (process, self._path, self._settings, log)
-            child = CONTEXT.Process(target=_run, args=arguments, daemon=True)
+            arguments = (part.process, self._path, self._settings, log)
+            part.child = CONTEXT.Process(target=_run, args=arguments, daemon=True)
             try:
-                child.start()
+                part.child.start()
             except (ConnectionError, EOFError):
                 os.close(out)
-                raise ProcessError(f"{process.name}: the fork server has ended") from None
-        return child, FileIO(out)
+                raise ProcessError(f"{part.process.name}: the fork server has ended") from None
+        part.log = FileIO(out)
+        for source in (part.log, part.child.sentinel):
+            self._sources.register(source, EVENT_READ, part)
 
     def start_router(self, timeout_s: float = 10.0) -> None:
         """Start the router and wait until it listens.
@@ -166,19 +170,17 @@ class Supervisor:
 
     def _read(self, timeout_s: float | None) -> bool:
         """Wait until a process writes or ends; return whether one has done so in time."""
-        sources: dict[Any, _Part] = {
-            source: part for part in self._running for source in (part.log, part.child.sentinel)
-        }
-        ready = wait(sources, timeout_s)
-        for part in dict.fromkeys(sources[source] for source in ready):
+        ready = self._sources.select(timeout_s)
+        for part in dict.fromkeys(key.data for key, _ in ready):
             has_ended = part.child.exitcode is not None
             data = part.begun + (part.log.readall() or b"")
             *lines, part.begun = (data + b"\n" * has_ended).split(b"\n")
             for line in filter(None, lines):
                 self._take_line(part, line.decode(errors="replace").rstrip())
             if has_ended:
+                self._sources.unregister(part.log)
+                self._sources.unregister(part.child.sentinel)
                 part.log.close()
-                self._running.remove(part)
                 self._ended.append(part)
             if part.child.exitcode == SERVER_ENDED:
                 with suppress(ProcessLookupError):
@@ -203,9 +205,8 @@ class Supervisor:
         """Restart the processes that are due; return the monotonic time of the next restart [s]."""
         for part in self._parts.values():
             if part.restart_s <= time.monotonic():
-                part.child, part.log = self._fork(part.process)
                 part.begun, part.last_line, part.restart_s = b"", "", math.inf
-                self._running.append(part)
+                self._fork(part)
         return min((part.restart_s for part in self._parts.values()), default=math.inf)
 
     def _take_end(self, part: _Part) -> Line:
@@ -240,7 +241,8 @@ class Supervisor:
 
     def _stop(self, names: Collection[str]) -> list[str]:
         def running() -> list[_Part]:
-            return [part for part in self._running if part.process.name in names]
+            parts = dict.fromkeys(key.data for key in self._sources.get_map().values())
+            return [part for part in parts if part.process.name in names]
 
         for part in running():
             part.child.terminate()
