@@ -105,54 +105,52 @@ def scenario(write_scenario, tmp_path, router):
     return write_scenario("services = []\n[programs]\n" + lines), settings
 
 
+class Watched(Supervisor):
+    """A supervisor that waits for lines and states."""
+
+    def begin(self, *names, needed=True):
+        for name in names:
+            self.start(Process((name,)), needed=needed)
+
+    def lines(self):
+        """Yield lines of all processes, and None now and then."""
+        end = time.monotonic() + COMMAND_GUARD_S
+        while time.monotonic() < end:
+            yield self.poll(0.1)
+        pytest.fail("the line or state did not come")
+
+    def line(self, text):
+        """Return the next line with a text in it."""
+        return next(line for line in self.lines() if line and text in line.text)
+
+    def failure(self):
+        with pytest.raises(ProcessError) as caught:
+            for _ in self.lines():
+                pass
+        return str(caught.value)
+
+    def pid(self, name):
+        """Return the id of a process once it works."""
+        return next(self.pids[name] for _ in self.lines() if self.works(name))
+
+    def kill(self, name):
+        pid = self.pid(name)
+        os.kill(pid, signal.SIGKILL)
+        return pid
+
+
 @pytest.fixture
 def supervisor(scenario):
-    supervisor = Supervisor(*scenario)
+    supervisor = Watched(*scenario)
     yield supervisor
     supervisor.stop()
 
 
 @pytest.fixture
 def restarting(scenario):
-    supervisor = Supervisor(*scenario, restart=True)
+    supervisor = Watched(*scenario, restart=True)
     yield supervisor
     supervisor.stop()
-
-
-def start(supervisor, name, **options):
-    supervisor.start(Process((name,)), **options)
-
-
-def lines(supervisor):
-    """Yield lines of all processes, and None now and then."""
-    end = time.monotonic() + COMMAND_GUARD_S
-    while time.monotonic() < end:
-        yield supervisor.poll(0.1)
-    pytest.fail("the line or state did not come")
-
-
-def await_line(supervisor, name, text):
-    """Return the next line of a process with a text in it."""
-    return next(
-        line for line in lines(supervisor) if line and line.name == name and text in line.text
-    )
-
-
-def await_failure(supervisor):
-    with pytest.raises(ProcessError) as caught:
-        for _ in lines(supervisor):
-            pass
-    return str(caught.value)
-
-
-def await_work(supervisor, name):
-    return next(supervisor.pids[name] for _ in lines(supervisor) if supervisor.works(name))
-
-
-def kill(supervisor, name):
-    pid = await_work(supervisor, name)
-    os.kill(pid, signal.SIGKILL)
-    return pid
 
 
 def await_end(pid):
@@ -163,12 +161,11 @@ def await_end(pid):
 
 
 def test_a_warning_and_the_address_of_a_page_come_with_names(supervisor):
-    start(supervisor, "toy")
-    line = await_line(supervisor, "toy", "hello")
+    supervisor.begin("toy")
+    line = supervisor.line("hello")
     assert line == Line("toy", "t=0.000 level=warning service=toy msg=hello")
-    start(supervisor, "viewer")
-    line = await_line(supervisor, "viewer", "http")
-    assert line == Line("viewer", "http://127.0.0.1:1", is_address=True)
+    supervisor.begin("viewer")
+    assert supervisor.line("http") == Line("viewer", "http://127.0.0.1:1", is_address=True)
 
 
 @pytest.mark.parametrize(
@@ -182,37 +179,37 @@ def test_a_warning_and_the_address_of_a_page_come_with_names(supervisor):
     ],
 )
 def test_a_process_that_never_worked_fails_in_one_line(scenario, name, restart, error):
-    supervisor = Supervisor(*scenario, restart=restart)
-    start(supervisor, name)
-    failure = await_failure(supervisor)
+    supervisor = Watched(*scenario, restart=restart)
+    supervisor.begin(name)
+    failure = supervisor.failure()
     supervisor.stop()
     assert failure.startswith(error)
     assert len(failure.splitlines()) == 1
 
 
 def test_the_end_of_a_process_that_is_not_needed_is_no_error(restarting):
-    start(restarting, "fails", needed=False)
-    line = await_line(restarting, "fails", "ended")
+    restarting.begin("fails", needed=False)
+    line = restarting.line("ended")
     assert line.text == "fails has ended: the wheel came off; the others go on"
     assert restarting.poll(0.0) is None
 
 
 def test_a_process_ends_although_its_own_subprocess_holds_its_log(supervisor):
-    start(supervisor, "starts_another")
-    sleeper = int(await_line(supervisor, "starts_another", "").text.rpartition(" ")[2])
-    kill(supervisor, "starts_another")
-    assert await_failure(supervisor) == "starts_another: was killed by SIGKILL"
+    supervisor.begin("starts_another")
+    sleeper = int(supervisor.line("warning").text.rpartition(" ")[2])
+    supervisor.kill("starts_another")
+    assert supervisor.failure() == "starts_another: was killed by SIGKILL"
     os.kill(sleeper, signal.SIGKILL)  # which raises if it has ended
 
 
 def test_a_process_that_worked_steadily_is_started_again_at_once(restarting, monkeypatch):
     monkeypatch.setattr(processes, "STEADY_S", 0.0)
-    start(restarting, "toy", needed=False)
+    restarting.begin("toy", needed=False)
     for _ in range(3):
-        pid = kill(restarting, "toy")
-        line = await_line(restarting, "toy", "SIGKILL")
+        pid = restarting.kill("toy")
+        line = restarting.line("SIGKILL")
         assert line.text == "toy: was killed by SIGKILL; it is started again at once"
-        assert await_work(restarting, "toy") != pid
+        assert restarting.pid("toy") != pid
 
 
 def test_pauses_grow_while_a_process_keeps_ending(restarting, monkeypatch):
@@ -220,10 +217,10 @@ def test_pauses_grow_while_a_process_keeps_ending(restarting, monkeypatch):
     monkeypatch.setattr(processes, "MAX_PAUSE_S", 0.5)
     # on a busy machine the kill may come late: still, it has not worked for a while
     monkeypatch.setattr(processes, "STEADY_S", COMMAND_GUARD_S)
-    start(restarting, "works_first")
-    kill(restarting, "works_first")
-    restarts = [await_line(restarting, "works_first", "started again").text for _ in range(4)]
-    assert [text.removeprefix("works_first: ") for text in restarts] == [
+    restarting.begin("works_first")
+    restarting.kill("works_first")
+    lines = [restarting.line("started again").text for _ in range(4)]
+    assert [text.removeprefix("works_first: ") for text in lines] == [
         "was killed by SIGKILL; it is started again at once",
         "no second time; it is started again in 0.25 s",
         "no second time; it is started again in 0.5 s",
@@ -232,33 +229,29 @@ def test_pauses_grow_while_a_process_keeps_ending(restarting, monkeypatch):
 
 
 def test_a_process_that_its_scenario_does_not_suit_is_not_started_again(restarting):
-    start(restarting, "misfit")
-    kill(restarting, "misfit")
-    assert "at once" in await_line(restarting, "misfit", "SIGKILL").text
-    assert await_failure(restarting) == "misfit: no second time"
+    restarting.begin("misfit")
+    restarting.kill("misfit")
+    assert "at once" in restarting.line("SIGKILL").text
+    assert restarting.failure() == "misfit: no second time"
 
 
 def test_other_processes_run_while_a_restart_waits(restarting, monkeypatch):
     monkeypatch.setattr(processes, "FIRST_PAUSE_S", 1000.0)
-    start(restarting, "works_first")
-    kill(restarting, "works_first")
-    await_line(restarting, "works_first", "in 8 s")
-    start(restarting, "toy")
-    assert await_line(restarting, "toy", "hello")
-    await_work(restarting, "toy")
-    assert restarting.poll(0.01) is None
+    restarting.begin("works_first")
+    restarting.kill("works_first")
+    restarting.line("in 8 s")
+    restarting.begin("toy")
+    restarting.pid("toy")
     assert restarting.stop() == []
 
 
 def test_stop_ends_all_and_names_killed_processes(supervisor, monkeypatch):
-    for name in ("toy", "deaf"):
-        start(supervisor, name)
-    for name in ("toy", "deaf"):
-        await_work(supervisor, name)
+    supervisor.begin("toy", "deaf")
+    pids = [supervisor.pid("toy"), supervisor.pid("deaf")]
     monkeypatch.setattr(processes, "STOP_TIMEOUT_S", 3.0)
     assert supervisor.stop() == ["deaf"]
     assert supervisor.stop() == []
-    assert not any(map(is_running, supervisor.pids.values()))
+    assert not any(map(is_running, pids))
 
 
 def test_the_router_listens_or_its_port_is_taken(write_scenario, free_port):
@@ -273,8 +266,8 @@ def test_the_router_listens_or_its_port_is_taken(write_scenario, free_port):
 
 
 def test_a_process_has_a_name_a_session_and_shared_memory(supervisor):
-    start(supervisor, "toy")
-    pid = await_work(supervisor, "toy")
+    supervisor.begin("toy")
+    pid = supervisor.pid("toy")
     assert Path(f"/proc/{pid}/comm").read_text() == "toy\n"
     assert os.getsid(pid) == pid
     sizes = dict(re.findall(r"(\w+): +(\d+) kB", Path(f"/proc/{pid}/smaps_rollup").read_text()))
@@ -283,14 +276,14 @@ def test_a_process_has_a_name_a_session_and_shared_memory(supervisor):
 
 
 def test_processes_of_a_killed_fork_server_end_and_are_started_again(restarting):
-    start(restarting, "toy")
-    pid = await_work(restarting, "toy")
+    restarting.begin("toy")
+    pid = restarting.pid("toy")
     status = Path(f"/proc/{pid}/status").read_text()
     os.kill(int(re.search(r"PPid:\s+(\d+)", status)[1]), signal.SIGKILL)
-    line = await_line(restarting, "toy", "has ended with the fork server")
+    line = restarting.line("has ended with the fork server")
     assert line.text.endswith("; it is started again in 0.5 s")
     await_end(pid)
-    assert await_work(restarting, "toy") != pid
+    assert restarting.pid("toy") != pid
 
 
 def test_processes_end_if_their_supervisor_is_killed(scenario):
