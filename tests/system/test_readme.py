@@ -3,6 +3,7 @@
 import re
 import tomllib
 
+import pytest
 import yaml
 from harness import ROOT, SCENARIOS, mecazen
 
@@ -13,11 +14,13 @@ def test_the_example_shown_is_the_example_that_is_tested():
     assert (ROOT / "examples" / "my_follower.py").read_text().rstrip() in README
 
 
-def test_its_lines_of_python_run_as_they_stand(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("page", ["README.md", "docs/api/simulation.md"])
+def test_the_python_of_a_page_runs_as_it_stands(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    code = README.partition("```python\nfrom mecazen import Simulation\n")[2].partition("```")[0]
+    first = "from mecazen import Simulation\n"
+    code = (ROOT / page).read_text().partition(f"```python\n{first}")[2].partition("```")[0]
     for _ in range(2):  # the second time beside what the first has left
-        exec("from mecazen import Simulation\n" + code, {})  # noqa: S102 - our own text
+        exec(first + code, {})  # noqa: S102 - our own text
         assert "d_err_m=0.0" in capsys.readouterr().out
 
 

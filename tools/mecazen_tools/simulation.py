@@ -223,11 +223,12 @@ class Simulation:
     def set_parameters(self, settings: Mapping[str, Any]) -> None:
         """Change parameters from the next tick on, as `mecazen param set` does.
 
-        >>> with Simulation("back", duration_s=8.0) as sim:
-        ...     sim.set_parameters({"follower.standoff_m": 1.5})
-        ...     state = sim.run()
-        >>> round(state.robot.distance(state.person), 1)
-        1.5
+        Examples:
+            >>> with Simulation("back", duration_s=8.0) as sim:
+            ...     sim.set_parameters({"follower.standoff_m": 1.5})
+            ...     state = sim.run()
+            >>> round(state.robot.distance(state.person), 1)
+            1.5
 
         Raises:
             ConfigError: A parameter can't change during a run, or a value is invalid; then nothing
@@ -249,11 +250,12 @@ class Simulation:
         The velocity is published as `cmd_vel` before each tick; guard and limits apply as to any
         command. By default it is for the first robot, as in all methods with a robot's name.
 
-        >>> with Simulation("teleop", duration_s=1.0) as sim:
-        ...     sim.command(wz=0.5)
-        ...     state = sim.run()
-        >>> round(state.robot_twist.yaw, 1)
-        0.5
+        Examples:
+            >>> with Simulation("teleop", duration_s=1.0) as sim:
+            ...     sim.command(wz=0.5)
+            ...     state = sim.run()
+            >>> round(state.robot_twist.yaw, 1)
+            0.5
 
         Raises:
             ConfigError: A node of the scenario drives the robot, no robot has this name, or a
@@ -306,9 +308,10 @@ class Simulation:
     def latest(self, key: str) -> Message | None:
         """Return the newest message on a key, such as `odom` or `one/odom`; None: no message yet.
 
-        >>> with Simulation("back", duration_s=0.1) as sim:
-        ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("scan")
-        (0, 0.01, None)
+        Examples:
+            >>> with Simulation("back", duration_s=0.1) as sim:
+            ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("scan")
+            (0, 0.01, None)
 
         Raises:
             ConfigError: No node of the scenario receives or publishes the key.

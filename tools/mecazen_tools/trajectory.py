@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterable
-from itertools import chain, dropwhile, pairwise
+from itertools import chain, dropwhile, pairwise, product
 from typing import Any, cast
 
 import msgspec
@@ -98,20 +98,14 @@ class Trajectory:
         self._required: dict[tuple[str, Topic[Any]], int] = {}
         """Ticks from one sample to the next, of the columns that make a row complete."""
         odom_rate = graph_of(scenario).rate(keys.ODOM.key)
-        for robot in scenario.names:
-            # a command answers each odometry; a user's follower may publish no state
-            odom_ticks = scenario.of(robot).ticks_per(odom_rate)
-            periods: dict[Topic[Any], int] = {
-                keys.GROUND_TRUTH: 1,
-                keys.TARGET_ODOM: 1,
-                keys.ODOM: odom_ticks,
-                keys.CMD_VEL: odom_ticks,
-            }
-            for topic, (service, read, _) in _SOURCES.items():
-                if service in scenario.services:
-                    self._subscribe(bus, topic, robot, service, read)
-                    if topic in periods:
-                        self._required[robot, topic] = periods[topic]
+        for robot, (topic, source) in product(scenario.names, _SOURCES.items()):
+            service, read, _ = source
+            if service not in scenario.services:
+                continue
+            self._subscribe(bus, topic, robot, service, read)
+            if topic is not keys.FOLLOWER_STATE:  # a user's follower may publish none
+                rate = odom_rate if topic in (keys.ODOM, keys.CMD_VEL) else None
+                self._required[robot, topic] = scenario.of(robot).ticks_per(rate)
 
     def _subscribe(
         self, bus: Bus, topic: Topic[Any], robot: str, service: str, read: Callable[[Any], Row]
@@ -141,14 +135,10 @@ class Trajectory:
     def done(self) -> int:
         """Number of rows that have all required samples."""
         rows = (len(self._columns[key]) * ticks for key, ticks in self._required.items())
-        return min(self.scenario.sim.ticks, *rows)
+        return min((self.scenario.sim.ticks, *rows))
 
     def refuse_incomplete(self) -> None:
-        """Check that all rows are complete.
-
-        Raises:
-            MecazenError: Some are not, as with a follower that publishes no commands.
-        """
+        """Raise MecazenError if rows are missing, as with a follower that publishes no commands."""
         if not self.complete:
             ticks = self.scenario.sim.ticks
             raise MecazenError(f"the run ended after {self.done} of {ticks} ticks")
