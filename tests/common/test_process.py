@@ -234,7 +234,7 @@ def test_a_router_limits_rates_in_real_time(monkeypatch, scenario, sim, most_hz)
 
     monkeypatch.setattr(running, "open_session", open_session)
     monkeypatch.setattr(running, "stop_on_signals", lambda _: None)
-    monkeypatch.setattr(running.log, "set_up", lambda *_: None)
+    monkeypatch.setattr(running, "set_up_log", lambda *_: None)
     with pytest.raises(BusError):
         running.run(running.ROUTER, msgspec.structs.replace(scenario, sim=sim))
     assert rates == [most_hz]

@@ -71,6 +71,7 @@ def test_a_command_is_published_before_each_tick_until_a_reset(sim):
         (lambda sim: sim.latest("odmo"), "odmo: no key of this scenario; its keys: "),
         (lambda sim: sim.view(), "view=True"),
         (lambda _: collect(CARTS, ""), "need sim.mode=lockstep, and 'collector' among `services`"),
+        (lambda _: Simulation(None), "scenario: got None; must be a name, a file or a Scenario"),
         (lambda _: Simulation("bakc"), "bakc: no such scenario; did you mean back?"),
         (lambda _: Simulation(CARTS, {"seed": 1j}), "seed: got 1j; TOML has no such value"),
         (
