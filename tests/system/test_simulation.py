@@ -104,15 +104,6 @@ def test_after_a_step_all_that_was_published_in_its_tick_is_known():
         assert sim.latest("target/observation").header.stamp == sim.latest("clock").clock
 
 
-def test_after_a_reset_nothing_is_commanded():
-    with Simulation("teleop", {"guard.enabled": False}, duration_s=0.3) as sim:
-        sim.command(0.2)
-        sim.run()
-        assert sim.reset().command is None
-        sim.run()
-        assert sim.state.robot_twist.x == pytest.approx(0.0, abs=1e-3)  # it settles on its rollers
-
-
 def test_several_robots_are_told_apart():
     with Simulation("convoy", duration_s=0.2) as sim:
         sim.run()
