@@ -373,7 +373,7 @@ def load(scenario: str | PathLike[str] | Scenario, settings: Mapping[str, Any]) 
         ConfigError: One line with the file, the key and the allowed values.
     """
     if isinstance(scenario, Scenario):
-        return with_settings(scenario, settings)
+        return with_settings(scenario, settings) if settings else scenario
     try:
         name = fspath(scenario)
     except TypeError:
