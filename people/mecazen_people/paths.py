@@ -15,6 +15,7 @@ from mecazen_people.motion import Motion, Path
 from mecazen_people.recorded import RecordedMotion, read_track
 from mecazen_people.script import Script
 
+SCRIPT_YAW_ACCELERATION_DEG_S2 = 720.0
 STEP_M, LONGEST_STEP_S = 0.02, 0.1
 """Distance between checked positions of a path, and the longest time between them [s]."""
 
@@ -68,7 +69,7 @@ def make_path(path: config.Walk) -> Path:
             return Placed(track, start.compose(first.between(Pose2D())), path.start_after_s)
         case config.Script():
             steps = [(one.duration_s, _velocity(one)) for one in path.steps]
-            yaw = math.radians(path.yaw_acceleration_deg_s2)
+            yaw = math.radians(SCRIPT_YAW_ACCELERATION_DEG_S2)
             return Placed(Script(steps, path.acceleration_m_s2, yaw), start, path.start_after_s)
         case _:
             walk = SteadyWalk(_curve(path), path.speed_m_s)

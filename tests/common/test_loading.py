@@ -145,7 +145,8 @@ WRONG = [
         (),
         f"{TEST}: robots: a: sensor.kind and sens",
     ),
-    # the world
+    # the guard and the world
+    ("", ("guard.margin_m=0",), f"{TEST} with guard.margin_m: got 0; allowed: a number >= 0.05"),
     ("[world]\nwals = []", (), f"{TEST}: world.wals: unknown key; did you mean walls? allowed: "),
     ("[world]\nmap = 'none.yaml'", (), "scenarios/none.yaml: can't be read: No such file or dire"),
     ("world.walls = [{ points_m = [[0, 0]] }]", (), f"{TEST}: world.walls.0.points_m: got [[0, 0]"),

@@ -5,57 +5,43 @@ import math
 import numpy as np
 import pytest
 from follower.walks import FRAME_S, NOISE, make
-from mecazen.config.follower import ImmParams
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.estimators.imm import AT_BLUNT, BLUNT_DEG, SHARP_DEG, at_noise, modes_of
+from mecazen_follower.estimators.imm import (
+    AT_BLUNT,
+    AT_SHARP,
+    BLUNT_DEG,
+    SHARP_DEG,
+    at_noise,
+    modes_of,
+)
 from mecazen_follower.estimators.turn_rate import SEEN, move
 
-PARAMS = ImmParams(manoeuvre_s=1.0)
 
-
-def test_a_sharp_sensor_has_the_modes_of_the_parameters_and_a_blunt_one_those_found_for_it():
-    given = {name: getattr(PARAMS, name) for name in ImmParams.__struct_fields__}
-    assert at_noise(PARAMS, SHARP_DEG) == at_noise(PARAMS, 1.0) == pytest.approx(given)
-    blunt = at_noise(ImmParams(), BLUNT_DEG)
-    assert {name: blunt[name] for name in AT_BLUNT} == pytest.approx(AT_BLUNT)
-    assert blunt == pytest.approx(at_noise(ImmParams(), 180.0))
+def test_a_sharp_and_a_blunt_sensor_have_the_parameters_found_for_them():
+    assert at_noise(SHARP_DEG) == at_noise(1.0) == pytest.approx(AT_SHARP)
+    blunt = at_noise(BLUNT_DEG)
+    assert blunt == pytest.approx(AT_SHARP | AT_BLUNT)
+    assert blunt == pytest.approx(at_noise(180.0))
 
 
 def test_between_sharp_and_blunt_a_parameter_changes_by_a_power_of_the_noise():
-    middle = at_noise(PARAMS, math.sqrt(SHARP_DEG * BLUNT_DEG))
-    factor = math.sqrt(AT_BLUNT["manoeuvre_s"] / ImmParams().manoeuvre_s)
-    assert middle["manoeuvre_s"] == pytest.approx(1.0 * factor)
-    assert middle["sway_m_sqrt_m"] == PARAMS.sway_m_sqrt_m  # the same at any noise
+    middle = at_noise(math.sqrt(SHARP_DEG * BLUNT_DEG))
+    expected = math.sqrt(AT_BLUNT["manoeuvre_s"] * AT_SHARP["manoeuvre_s"])
+    assert middle["manoeuvre_s"] == pytest.approx(expected)
+    assert middle["turning_s"] == AT_SHARP["turning_s"]  # the same at any noise
 
 
 def test_of_the_five_modes_one_stands_and_two_do_not_turn():
-    modes = modes_of(PARAMS)
+    modes = modes_of(0.012, AT_SHARP)
     assert [mode.moves for mode in modes] == [False, True, True, True, True]
     assert [mode.turns for mode in modes] == [False, False, True, True, True]
-    assert modes[-1].mean_sojourn == 1.0
-
-
-IMM = {
-    "sway_m_sqrt_m": 0.03,
-    "standing_yaw_std_rad": 0.2,
-    "standing_s": 2.0,
-    "straight_acceleration_std_m_s2": 0.02,
-    "straight_yaw_std_rad": 0.01,
-    "straight_s": 10.0,
-    "turning_acceleration_std_m_s2": 0.02,
-    "turning_yaw_acceleration_std_rad_s2": 0.02,
-    "turning_s": 10.0,
-    "manoeuvre_step_m_sqrt_s": 0.05,
-    "manoeuvre_acceleration_std_m_s2": 2.0,
-    "manoeuvre_yaw_acceleration_std_rad_s2": 3.0,
-    "manoeuvre_s": 0.5,
-}
+    assert modes[-1].mean_sojourn == AT_SHARP["manoeuvre_s"]
 
 
 def error_and_nees(memory):
     """Return mean position error [m] and NEES with a sensor 3 times worse than reported."""
     rng = np.random.default_rng(5)
-    estimator = make("imm", **IMM, noise_memory_s=memory)
+    estimator = make("imm", noise_memory_s=memory)
     state = np.array([0.0, 0.0, 0.0, 0.8, 0.0])
     errors, nees = [], []
     for frame in range(1500):  # a minute, in turns of 10 s straight and 10 s of a circle

@@ -69,7 +69,7 @@ def test_displacement_filter_takes_the_observed_yaw_of_who_stands():
             0.04,
             (1 - math.exp(-0.02)) / 0.48,
         ),
-        ("kf_cv", {"acceleration_std_m_s2": 1e-6, "initial_speed_std_m_s": 1.0}, 0.1, 2 / 3),
+        ("kf_cv", {"acceleration_std_m_s2": 1e-6}, 0.1, 2 / 3),
     ],
 )
 def test_a_linear_filter_corrects_by_the_gain_computed_by_hand(name, params, after_s, speed):

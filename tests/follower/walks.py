@@ -41,8 +41,6 @@ MATCHED = {
     "sway_m_sqrt_m": 0.05,
     "acceleration_std_m_s2": 0.3,
     "yaw_acceleration_std_rad_s2": 0.3,
-    "initial_speed_std_m_s": 0.5,
-    "initial_yaw_rate_std_rad_s": 0.3,
 }
 FRAME_S = 0.04
 
@@ -57,7 +55,7 @@ def simulate_turning(seconds, rng, name="ekf_ctrv"):
     """Yield truth, estimate and NIS after each frame; the truth moves as the filter thinks."""
     estimator = make(name, **MATCHED)
     walks = np.array([MATCHED["sway_m_sqrt_m"], MIN_POSITION_WALK, 0.0, 0.3, 0.3])
-    state = rng.normal(size=5) * [5.0, 5.0, 2.0, 0.5, 0.3]
+    state = rng.normal(size=5) * [5.0, 5.0, 2.0, 1.0, 0.5]
     for _ in range(round(seconds / FRAME_S)):
         frame(estimator, state[:3] + rng.normal(size=3) * np.sqrt(np.diag(NOISE)))
         yield state[:3], estimator.estimate, estimator.nis

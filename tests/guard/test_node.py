@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from harness import SCENARIOS, Steps
 from mecazen import messages as m
-from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.loading import load_scenario, parse_settings
@@ -113,12 +112,6 @@ def test_it_counts_on_the_time_for_which_a_silent_guard_is_obeyed():
     )
     # 0.2 s at 1 m/s; the wall comes by steps of 0.01 m
     assert late - soon == pytest.approx(0.2, abs=0.015)
-
-
-def test_a_smaller_margin_than_the_least_must_be_allowed_first():
-    with pytest.raises(ConfigError, match=r"guard.margin_m = 0.0 must not be below guard.least_"):
-        teleop("guard.margin_m=0.0")
-    assert teleop("guard.margin_m=0.0", "guard.least_margin_m=0.0").guard.margin_m == 0.0
 
 
 def test_a_guard_that_was_held_up_begins_with_the_motion_of_the_robot_again():

@@ -11,7 +11,7 @@ def test_fresh_commands_and_reports_let_the_motors_run():
 
 
 def test_old_commands_and_silence_of_the_board_stop_them():
-    safety = Safety(HardwareConfig(report_timeout_s=0.25))
+    safety = Safety(HardwareConfig())
     assert safety.reason(0.41, FRESH) == NO_COMMAND
     assert safety.reason(FRESH, 0.26) == "no report of the board"
 

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from mecazen.config.world import Person
 from mecazen.geometry import Twist2D
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
 from mecazen_physics.bodies import build_legs
@@ -101,7 +100,7 @@ def test_limbs_turn_and_move_as_their_ends_do_sideways():
     random = np.random.default_rng(2)
     joints, velocities = random.normal(size=(2, len(JOINTS), 3))
     velocities[:, 2] = 0.0
-    skeleton, dt = build_legs(Person()), 1e-6
+    skeleton, dt = build_legs(), 1e-6
     someone = MovingPerson.of_joints(joints, velocities, HEIGHT)
     falling = MovingPerson.of_joints(joints, velocities - (0.0, 0.0, 2.0), HEIGHT)
 

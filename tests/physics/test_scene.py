@@ -7,14 +7,13 @@ import math
 import dartpy as dart
 import msgspec
 import pytest
-from harness import load_robot
-from mecazen.config.world import Box, Person
+from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.rollers import yaw_gain
-from physics_rig import Rig, masses, wheel_speeds
+from physics_rig import Rig, wheel_speeds
 
 MU = 0.2
 HELD = [0.0] * 4
@@ -63,27 +62,6 @@ def test_beside_an_obstacle_it_slides_as_in_the_open(nexus, yaw_deg):
     slower, aside = slide(rig, yaw, 0.25, 0.05)
     assert slower == pytest.approx(MU * GRAVITY / math.sqrt(2.0), rel=0.01)
     assert abs(aside) < 0.01
-
-
-def test_only_the_grounds_friction_decides_how_friction_is_solved():
-    slant = load_robot("slant")
-
-    # A torque T on each wheel of radius R, of a robot of mass m, takes T/(R sin γ) along a roller's
-    # axis, of a load of m g/4. At 0.5 of the load this is above 0.8 times a person's coefficient of
-    # 0.5, and below 0.8 times the ground's of 1. The turning wheels take some of the torque.
-    mass, _ = masses(slant)
-    torque = 0.5 * mass * GRAVITY / 4.0 * slant.wheels.radius_m * math.sin(slant.roller_angle)
-
-    def accelerated(**world):
-        rig = Rig(slant, dt_s=0.005, **world)
-        for _ in range(20):
-            rig.advance_effort([torque] * 4, 2)
-        return rig.state()
-
-    far = Box(size_m=(0.1, 0.1, 0.5), position_m=(0.0, 9.0), friction=0.1)
-    grippy = msgspec.structs.replace(far, friction=1.0)
-    alike = accelerated(person=Person(friction=1.0), obstacles=(grippy,))
-    assert accelerated(person=Person(friction=0.5), obstacles=(far,)) == alike
 
 
 def touches_the_wall(rig: Rig) -> bool:

@@ -14,7 +14,7 @@ from mecazen.robot import Camera
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import decode, encode
 from mecazen_sensors.scene import Scene
-from mecazen_sensors.tracker import RESOLUTION, Tracker
+from mecazen_sensors.tracker import RESOLUTION, WHITE_RANGE_M, Tracker
 from people import HEIGHT, NEXUS, body, walking
 
 TICK_S = 0.01
@@ -194,7 +194,7 @@ def test_white_noise_and_drift_are_as_told():
         spread = np.std(errors[:, number])
         assert spread == pytest.approx(told[number], rel=4 / math.sqrt(2 * count / 4))
     depth = 1.8  # and a little more of what is high up
-    expected = math.hypot(drift, white * (1.0 + (depth / watch.config.white_range_m) ** 2))
+    expected = math.hypot(drift, white * (1.0 + (depth / WHITE_RANGE_M) ** 2))
     assert told[0] == pytest.approx(expected, rel=0.02)
     for lag in (1, 5, 10):
         covariance = np.mean(errors[lag:] * errors[:-lag])

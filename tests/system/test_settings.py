@@ -41,7 +41,6 @@ ALIKE = {"robots[].": "", "crowd.walkers[].": "target.", "crowd.reactive.body": 
 REFUSED = {
     "robot.rollers.arrangement": "'O': such a robot can hardly turn",
     "guard.enabled": "guard takes no part with guard.enabled = false",
-    "guard.least_margin_m": "must not be below",
     "programs": "missing.py: can't be imported",
     "target.path<recorded>.file": "no such file",
     "target.body.motion_file": "missing.bvh: no such file",
@@ -51,12 +50,8 @@ REFUSED = {
 
 VALUES: dict[str, Any] = {
     "follower.estimator": "ekf_ctrv",
-    "follower.estimator_params": {"straight_s": 1.0},
+    "follower.estimator_params": {"sway_m_sqrt_m": 1.0},
     "follower.planner.priorities": ["heading", "bearing", "visibility", "distance"],
-    "guard.invalid_share": 0.1,
-    "guard.least_margin_m": 0.1,
-    "guard.person_speed_m_s": 0.01,
-    "guard.silent_scans": 0.1,
     "programs": {"follower": "missing.py:Follower"},
     "sensor.also": ["imu"],
     "sensors.tracker.identity_memory_s": 0.9,

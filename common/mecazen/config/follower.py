@@ -28,9 +28,6 @@ class ConstantVelocityParams(Params):
 
     acceleration_std_m_s2: Positive = 0.2
     yaw_acceleration_std_rad_s2: Positive = 0.15
-    initial_speed_std_m_s: Positive = 1.0
-    """Prior of each component, since the first observation has no velocity."""
-    initial_yaw_rate_std_rad_s: Positive = 0.5
 
 
 class DisplacementParams(Params):
@@ -52,9 +49,6 @@ class TurnRateParams(Params):
 
     sway_m_sqrt_m: Positive = 0.03
     """Isotropic random walk of the position: its standard deviation after 1 m walked."""
-    initial_speed_std_m_s: Positive = 1.0
-    """Prior, since the first observation has no velocity."""
-    initial_yaw_rate_std_rad_s: Positive = 0.5
     noise_memory_s: NonNegative = 0.0
     """Time constant of learning the sensor's noise; at 0 the reported noise is used."""
 
@@ -69,35 +63,9 @@ class CtrvParams(TurnRateParams):
 
 
 class ImmParams(TurnRateParams):
-    """Parameters of `imm`: random walks, mean sojourn time and fading turn rate of each mode.
-
-    The values hold for an observed heading with a standard deviation of 5 degrees; the filter
-    adapts them to other sensors. Straight, wandering and manoeuvring are fitted to recorded people:
-    docs/results.md.
-    """
+    """Parameters of `imm`."""
 
     sway_m_sqrt_m: Positive = 0.012
-    standing_yaw_std_rad: Positive = 0.04
-    """Random walk of the heading while standing."""
-    standing_s: Positive = 1.7
-    straight_acceleration_std_m_s2: Positive = 0.1
-    straight_yaw_std_rad: Positive = 0.127
-    """Random walk of the heading while walking straight."""
-    straight_s: Positive = 6.0
-    turning_acceleration_std_m_s2: Positive = 0.018
-    turning_yaw_acceleration_std_rad_s2: Positive = 0.009
-    turning_s: Positive = 15.0
-    wandering_acceleration_std_m_s2: Positive = 0.29
-    wandering_yaw_acceleration_std_rad_s2: Positive = 2.55
-    wandering_s: Positive = 2.0
-    wandering_fading_1_s: NonNegative = 4.8
-    """Rate at which a turn ends by itself: people who walk swing about their direction."""
-    manoeuvre_step_m_sqrt_s: Positive = 0.13
-    """Random walk of the position: people also step aside, which CTRV does not model."""
-    manoeuvre_acceleration_std_m_s2: Positive = 0.62
-    manoeuvre_yaw_acceleration_std_rad_s2: Positive = 5.0
-    manoeuvre_s: Positive = 0.4
-    manoeuvre_fading_1_s: NonNegative = 1.7
 
 
 PARAMS: dict[str, type[Params]] = {
@@ -183,10 +151,7 @@ class PolarControl(Section, tag_field="kind", tag="polar"):
 
     linear_gain_1_s: Live[Positive] = 3.0
     """Proportional gain of distance and bearing; the error decays with the time constant 1/gain."""
-    linear_braking_m_s2: Live[Positive] = 2.0
-    """Deceleration that the robot can achieve."""
     heading_gain_1_s: Live[Positive] = 3.5
-    heading_braking_rad_s2: Live[Positive] = 6.0
     max_speed_m_s: Live[Positive] = 2.0
     """Magnitude of the planar velocity of base_link."""
     max_yaw_rate_rad_s: Live[Positive] = 3.0
@@ -262,35 +227,21 @@ class FollowerConfig(Section):
         return Standoff(self.standoff_m, math.radians(bearing), math.radians(heading))
 
 
+Margin = Annotated[float, msgspec.Meta(ge=0.05, le=1e9)]
+"""Clearance [m]; no client can lower it further."""
+
+
 class GuardConfig(Section):
     """The guard between `cmd_vel` and the wheels: docs/safety.md."""
 
     enabled: bool = True
     """Whether the guard runs, if a lidar is mounted."""
-    margin_m: Live[NonNegative] = 0.06
+    margin_m: Live[Margin] = 0.06
     """Clearance between the robot's outline and obstacles."""
-    person_margin_m: Live[NonNegative] = 0.3
+    person_margin_m: Live[Margin] = 0.3
     """Clearance from possible legs, since feet and trunk reach farther than the shanks."""
-    least_margin_m: NonNegative = 0.05
-    """Lower bound of both margins; for a smaller margin, this value must be lowered first."""
     reaction_s: NonNegative = 0.06
     """Time from a decision of the guard until the wheels follow it."""
     hold_s: NonNegative = 0.05
     """Time for which the controller obeys a silent guard, and the wheels a silent controller. The
     guard relies on this time."""
-    person_stop_s: NonNegative = 0.3
-    """Shortest time in which a walking person can come to rest."""
-    person_speed_m_s: Positive = 2.0
-    """Highest speed of a walking person."""
-    silent_scans: Positive = 3.0
-    """Number of scan periods without a scan after which a lidar counts as silent."""
-    invalid_share: Positive = 0.5
-    """Share of invalid beams above which a scan is refused."""
-
-    def __post_init__(self) -> None:
-        for name in ("margin_m", "person_margin_m"):
-            if (margin_m := getattr(self, name)) < self.least_margin_m:
-                raise ValueError(
-                    f"guard.{name} = {margin_m} must not be below "
-                    f"guard.least_margin_m = {self.least_margin_m}"
-                )

@@ -113,7 +113,6 @@ class Script(_Walk, tag="script", kw_only=True):
     steps: Annotated[tuple[ScriptStep, ...], msgspec.Meta(min_length=1, max_length=1000)]
     acceleration_m_s2: Positive = 6.0
     """Largest acceleration; by default from 1.8 m/s to rest in 0.3 s, within one footstep."""
-    yaw_acceleration_deg_s2: Positive = 720.0
 
 
 class Driven(_Path, tag="driven"):
@@ -228,9 +227,8 @@ class Reactive(Section, kw_only=True):
     """Extent of the area along x in the world; `y_m` is the extent along y."""
     y_m: Interval
     speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=2.0)] = 1.34
-    """Mean of the preferred speeds, as `speed_std_m_s` of U. Weidmann, Transporttechnik der
-    Fussgänger, ETH Zürich, 1993."""
-    speed_std_m_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.26
+    """Mean of the preferred speeds; by default of U. Weidmann, Transporttechnik der Fussgänger, ETH
+    Zürich, 1993, whose standard deviation of 0.26 m/s they have."""
     body: Body = Body()
 
     def __post_init__(self) -> None:

@@ -176,9 +176,8 @@ class TrackerConfig(Section):
     max_range_m: Positive = 3.86
     """Largest depth along the camera's axis; min_range_m is the smallest."""
     white_std_m: NonNegative = 0.008
-    """White noise of a joint of the trunk near the camera, along each axis."""
-    white_range_m: Positive = 3.0
-    """Depth at which white noise has twice that deviation; it grows with depth squared."""
+    """White noise of a joint of the trunk near the camera, along each axis; it grows with depth
+    squared, to twice this deviation at 3 m."""
     drift_std_m: NonNegative = 0.015
     """Ornstein-Uhlenbeck noise of a joint of the trunk."""
     drift_time_s: Positive = 0.5
@@ -229,11 +228,9 @@ class DepthConfig(Section):
     max_range_m: Annotated[float, msgspec.Meta(gt=0.0, le=65.0)] = 3.86
     noise_m: NonNegative = 0.00114
     """Standard deviation at a depth of 1 m."""
-    edge_step_m: Positive = 0.1
-    """Difference of depth between neighbours that makes an edge."""
     edge_probability: Probability = 0.5
-    """Chance of a pixel at an edge to be a mixture of both depths; the chance to be invalid is the
-    same."""
+    """Chance of a pixel at an edge (a step of 0.1 m in depth) to be a mixture of both depths; the
+    chance to be invalid is the same."""
 
     def __post_init__(self) -> None:
         _check_range(self.min_range_m, self.max_range_m)

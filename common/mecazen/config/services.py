@@ -183,8 +183,6 @@ class HardwareConfig(Section):
     command_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.3)] = 0.2
     """Age of a wheel command above which the robot brakes; with a guard, guard.hold_s applies if it
     is less. The motors are stopped at most 0.5 s after the last command."""
-    report_timeout_s: Annotated[float, msgspec.Meta(ge=0.1, le=0.4)] = 0.25
-    """Time without a report of the wheels after which the motors are stopped."""
     min_voltage_v: NonNegative = 9.9
     """Voltage below which the motors are stopped after 1 s, until a restart."""
 
@@ -221,8 +219,6 @@ class RecorderConfig(Section):
     """Zenoh key expressions of the samples to record."""
     encoding: Encoding = "cdr"
     """cdr: ROS 2's messages, for tools that read ROS bags; json: with JSON schemas."""
-    backlog_mib: Annotated[float, msgspec.Meta(ge=0.001, le=4096.0)] = 64.0
-    """Size of the queue of samples to write; samples beyond it are dropped and counted."""
 
     @property
     def path(self) -> Path:

@@ -24,6 +24,8 @@ SILL_BEVEL = 2.0
 """Run by rise of a sill's bevels: 1:2, as thresholds have by ICC A117.1 and the ADA standards."""
 STEEPEST = 0.08
 """Rise by run of the steepest ramp, just below the 1:12 of the same standards."""
+TABLE_TOP_M, TABLE_LEG_M = 0.04, 0.05
+"""Thickness of a table's top, and width of its four square legs."""
 RAIL_M = 0.05, 0.9
 """Thickness and height of a ramp's rails."""
 
@@ -39,8 +41,6 @@ class Box(Section, tag_field="kind", tag="box", frozen=True, kw_only=True):
     """Its heading in the world frame."""
     bottom_m: NonNegative = 0.0
     """Height of its underside above the ground."""
-    friction: NonNegative = 1.0
-    """Coulomb coefficient between it and the robot."""
 
 
 class Cylinder(Section, tag_field="kind", tag="cylinder", frozen=True, kw_only=True):
@@ -50,8 +50,6 @@ class Cylinder(Section, tag_field="kind", tag="cylinder", frozen=True, kw_only=T
     """Radius, height."""
     position_m: tuple[Finite, Finite]
     """Its centre in the world frame."""
-    friction: NonNegative = 1.0
-    """Coulomb coefficient between it and the robot."""
 
 
 class Ridge(NamedTuple):
@@ -87,8 +85,6 @@ class Wall(Section, frozen=True, kw_only=True):
     thickness_m: Positive = 0.1
     height_m: Positive = 2.0
     doors: tuple[Door, ...] = ()
-    friction: NonNegative = 1.0
-    """Coulomb coefficient between it and the robot."""
 
     def __post_init__(self) -> None:
         if any(length == 0.0 for _, _, length in self._pieces()):
@@ -130,7 +126,6 @@ class Wall(Section, frozen=True, kw_only=True):
                         size_m=(b - a, self.thickness_m, self.height_m),
                         position_m=(middle.x, middle.y),
                         yaw_deg=math.degrees(start.yaw),
-                        friction=self.friction,
                     )
 
     def sills(self) -> Iterator[Ridge]:
@@ -152,25 +147,20 @@ class Table(Section, frozen=True, kw_only=True):
     """Its centre in the world frame."""
     yaw_deg: AngleDeg = 0.0
     """Its heading in the world frame."""
-    thickness_m: Positive = 0.04
-    """Thickness of the top."""
-    leg_m: Positive = 0.05
-    """Width of each of the square legs, at the corners."""
-    friction: NonNegative = 1.0
-    """Coulomb coefficient between it and the robot."""
 
     def __post_init__(self) -> None:
         length, width, height = self.size_m
-        if self.thickness_m >= height:
-            raise ValueError(f"thickness_m = {self.thickness_m:g} must be below its height")
-        if 2.0 * self.leg_m > min(length, width):
-            raise ValueError(f"leg_m = {self.leg_m:g} must be at most half of length and width")
+        if height <= TABLE_TOP_M or min(length, width) < 2.0 * TABLE_LEG_M:
+            raise ValueError(
+                f"size_m = {list(self.size_m)}: length and width must be at least "
+                f"{2.0 * TABLE_LEG_M:g} m, and the height above {TABLE_TOP_M:g} m"
+            )
 
     def boxes(self) -> Iterator[Box]:
         """Yield the top and the legs."""
-        (length, width, height), leg = self.size_m, self.leg_m
-        below = height - self.thickness_m
-        yield self._box((length, width, self.thickness_m), (0.0, 0.0), below)
+        (length, width, height), leg = self.size_m, TABLE_LEG_M
+        below = height - TABLE_TOP_M
+        yield self._box((length, width, TABLE_TOP_M), (0.0, 0.0), below)
         for i, j in product((1, -1), repeat=2):
             corner = i * (length - leg) / 2, j * (width - leg) / 2
             yield self._box((leg, leg, below), corner, 0.0)
@@ -184,7 +174,6 @@ class Table(Section, frozen=True, kw_only=True):
             position_m=(at.x, at.y),
             yaw_deg=self.yaw_deg,
             bottom_m=bottom,
-            friction=self.friction,
         )
 
 
@@ -248,8 +237,6 @@ class Person(Section, frozen=True, kw_only=True):
 
     radius_m: Positive = 0.2
     height_m: Positive = 1.75
-    friction: NonNegative = 0.5
-    """Coulomb coefficient between it and the robot."""
 
 
 class WorldConfig(Section, frozen=True, kw_only=True):

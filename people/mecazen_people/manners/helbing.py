@@ -20,6 +20,8 @@ ARRIVED_M = 0.3
 """Distance within which a goal counts as reached [m]."""
 CLEAR_M = 0.8
 """Minimum distance of a start from all people and things [m]."""
+SPEED_STD_M_S = 0.26
+"""Standard deviation of the preferred speeds [m/s], of Weidmann as `Reactive.speed_m_s`."""
 DRAWS = 200
 """Number of start places tried for a walker, since an area may be full."""
 
@@ -39,7 +41,7 @@ def drawn(
     here = list(taken)
     for number in range(config.count):
         random = Generator(PCG64([seed, number]))
-        speed = config.speed_m_s + config.speed_std_m_s * float(random.standard_normal())
+        speed = config.speed_m_s + SPEED_STD_M_S * float(random.standard_normal())
         for _ in range(DRAWS):
             axis, way = random.random(2).tolist()
             one, other, part = random.random(3).tolist()

@@ -16,6 +16,8 @@ HEADROOM = 0.2
 """Share of the wheel speed to keep in reserve; if following uses it, the robot turns to the
 person."""
 
+LINEAR_BRAKING_M_S2, HEADING_BRAKING_RAD_S2 = 2.0, 6.0
+"""Decelerations that the robot can achieve."""
 MARGIN = math.radians(15.0)
 """Angle between the kept view of the person and the edge of the field of view [rad]."""
 
@@ -102,9 +104,9 @@ class PolarController:
         else:
             feed_forward = turn
         error = wrap(goal.yaw + facing - robot.yaw)
-        yaw = feed_forward + approach(error, law.heading_gain_1_s, law.heading_braking_rad_s2)
+        yaw = feed_forward + approach(error, law.heading_gain_1_s, HEADING_BRAKING_RAD_S2)
 
-        linear = law.linear_gain_1_s, law.linear_braking_m_s2
+        linear = law.linear_gain_1_s, LINEAR_BRAKING_M_S2
         away += approach(self._standoff.distance - distance, *linear)
         around += distance * turn + approach(distance * wrap(wanted - bearing), *linear)
         yaw = min(max(yaw, -law.max_yaw_rate_rad_s), law.max_yaw_rate_rad_s)

@@ -18,6 +18,10 @@ from mecazen_guard.surroundings import Surroundings
 
 HISTORY_NS = 10**9
 """Time for which poses are kept [ns]; older scans are refused."""
+SILENT_SCANS = 3.0
+"""Number of scan periods without a scan after which a lidar counts as silent."""
+PERSON_STOP_S = 0.3
+"""Shortest time in which a walking person can come to rest."""
 JUMP_M = 0.5
 """If the odometry moves farther in a tick, a client has set it [m]."""
 STOPPED = 0.02
@@ -32,26 +36,20 @@ class GuardNode(Node):
         super().__init__(scenario)
         config, lidar, robot = scenario.guard, scenario.sensors.lidar, scenario.robot
         self.timeout_s = scenario.controller.reference_timeout_s
-        self.silence_s = config.silent_scans / lidar.rate_hz
+        self.silence_s = SILENT_SCANS / lidar.rate_hz
         x, y, _ = robot.lidar.position_m
         is_real = "sensors" not in scenario.services
         self.surroundings = Surroundings(config, lidar, Pose2D(x, y), is_real=is_real)
-        self.guard = Guard(
-            robot.footprint,
-            Drive.from_scenario(scenario),
-            _reaction_s(scenario),
-            config.person_stop_s,
-        )
+        drive = Drive.from_scenario(scenario)
+        self.guard = Guard(robot.footprint, drive, _reaction_s(scenario), PERSON_STOP_S)
 
     def configure(self, scenario: Scenario) -> None:
         """Use changed margins, and changed limits of the controller, from now on."""
         super().configure(scenario)
-        config = scenario.guard
         self.timeout_s = scenario.controller.reference_timeout_s
-        self.surroundings.config = config
-        self.guard.configure(
-            Drive.from_scenario(scenario), _reaction_s(scenario), config.person_stop_s
-        )
+        self.surroundings.config = scenario.guard
+        drive = Drive.from_scenario(scenario)
+        self.guard.configure(drive, _reaction_s(scenario), PERSON_STOP_S)
 
     def reset(self, seed: int) -> None:
         """Discard all scans and poses; the robot rests until the first scan."""

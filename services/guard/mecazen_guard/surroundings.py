@@ -35,6 +35,10 @@ circle is 0.11, that of two half circles half as much, and that of a flat face w
 noise 0.01."""
 LEG_POINTS = 4
 """Minimum number of points for the shape test: a leg that is nearer than 2.5 m has more."""
+INVALID_SHARE = 0.5
+"""Share of invalid beams above which a scan is refused."""
+PERSON_SPEED_M_S = 2.0
+"""Highest speed of a walking person [m/s]."""
 SPACING_M = 0.03
 """Spacing to which the points of a cluster are thinned out [m]."""
 FARTHEST_M = 5.0
@@ -89,7 +93,7 @@ class Surroundings:
             return "the beams of a scan are not spread over the field of view"
         ranges = ranges_of(scan, is_real=self._is_real)
         invalid = float(np.mean(~(ranges >= scan.range_min)))  # NaN is invalid too
-        if invalid > self.config.invalid_share:
+        if invalid > INVALID_SHARE:
             return f"{invalid:.0%} of the beams are invalid"
         return ""
 
@@ -111,7 +115,7 @@ class Surroundings:
         persons = by_person(middles, legs, ~legs & (things.width <= BOTH_LEGS_M))
         seen = [(_mean([middles[i] for i in of]), bool(looks[of].any())) for of in persons]
         for of, track in zip(persons, self._tracks.update(self.time, seen), strict=True):
-            velocity[of], sure[of] = _velocities(track, self.config.person_speed_m_s)
+            velocity[of], sure[of] = _velocities(track, PERSON_SPEED_M_S)
             if track.is_person:
                 margins[of] = self.config.person_margin_m
         xy, thing = _thinned(things)

@@ -6,6 +6,8 @@ import math
 
 from mecazen.config import HardwareConfig
 
+REPORT_TIMEOUT_S = 0.25
+"""Time without a report of the wheels after which the motors are stopped [s]."""
 LOW_FOR_S = 1.0
 """Time for which the voltage has to be low [s]: starting motors lower it for a moment. The board of
 the X3 switches itself off after 2 s."""
@@ -53,7 +55,7 @@ class Safety:
         if not math.isnan(self._empty_volts):
             least = self._config.min_voltage_v
             return f"battery was at {self._empty_volts:.1f} V; {least:g} V is the least"
-        if report_age_s > self._config.report_timeout_s:
+        if report_age_s > REPORT_TIMEOUT_S:
             return "no report of the board"
         if command_age_s > STOP_AFTER_S:
             return NO_COMMAND

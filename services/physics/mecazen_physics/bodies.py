@@ -22,6 +22,9 @@ from mecazen_physics.people import LEGS
 GRAVITY = 9.80665
 """Standard gravity [m/s²]."""
 
+SOLID_FRICTION, PERSON_FRICTION = 1.0, 0.5
+"""Coulomb coefficients between the robot and obstacles or persons."""
+
 DEPTH_M = 1e-5
 """Depth of the wheels in DART's ground [m]; the ground is raised above z = 0 by the same depth.
 
@@ -54,8 +57,8 @@ def highest_friction(robot: Robot, world: WorldConfig) -> float:
     DART uses the lower coefficient of two touching bodies. The robot's own surface gets the
     highest, so the coefficient of the other body applies. Between two robots the highest applies.
     """
-    others = [other.friction for other in (world.person, *world.solids)]
-    return max(*ground_frictions(robot, world), *others)
+    solids = [SOLID_FRICTION] * bool(world.solids)
+    return max(*ground_frictions(robot, world), PERSON_FRICTION, *solids)
 
 
 def ground_frictions(robot: Robot, world: WorldConfig) -> list[float]:
@@ -97,7 +100,7 @@ def build_obstacles(solids: Sequence[Box | Cylinder]) -> Any:
             shape = dart.dynamics.CylinderShape(*solid.size_m)
             yaw = 0.0
         pose = _planar(Pose2D(*solid.position_m, yaw), bottom + height / 2)
-        _collide(body, shape, solid.friction).setRelativeTransform(pose)
+        _collide(body, shape, SOLID_FRICTION).setRelativeTransform(pose)
     skeleton.setMobile(False)
     return skeleton
 
@@ -242,11 +245,11 @@ def build_person(shape: Person) -> Any:
     joint.setTransformFromParentBodyNode(_planar(Pose2D(), shape.height_m / 2))
     joint.setActuatorType(dart.dynamics.VELOCITY)
     cylinder = dart.dynamics.CylinderShape(shape.radius_m, shape.height_m)
-    _collide(body, cylinder, shape.friction)
+    _collide(body, cylinder, PERSON_FRICTION)
     return skeleton
 
 
-def build_legs(shape: Person) -> Any:
+def build_legs() -> Any:
     """Return the skeleton of a person with joints: one body for each of `LEGS`.
 
     Each body has six positions: a rotation vector [rad] and the middle [m]. It moves at the
@@ -256,7 +259,7 @@ def build_legs(shape: Person) -> Any:
     for _ in LEGS:
         joint, body = skeleton.createFreeJointAndBodyNodePair()
         joint.setActuatorType(dart.dynamics.VELOCITY)
-        _collide(body, dart.dynamics.CapsuleShape(0.1, 0.1), shape.friction)
+        _collide(body, dart.dynamics.CapsuleShape(0.1, 0.1), PERSON_FRICTION)
     return skeleton
 
 

@@ -230,8 +230,8 @@ class Scene:
         return False
 
     def _build_person(self, number: int, person: MovingPerson) -> Any:
-        build = bodies.build_person if person.legs is None else bodies.build_legs
-        skeleton = build(self._world.person)
+        stands = person.legs is None
+        skeleton = bodies.build_person(self._world.person) if stands else bodies.build_legs()
         skeleton.setName(f"person_{number}")
         return skeleton
 

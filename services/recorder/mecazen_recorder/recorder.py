@@ -29,7 +29,8 @@ from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 from mecazen_recorder.runs import FirstSamples
 from mecazen_recorder.writer import SYNC_S, RecordingWriter
 
-BYTES_PER_MIB = 1 << 20
+BACKLOG_BYTES = 64 << 20
+"""Size of the queue of samples to write; samples beyond it are dropped and counted."""
 ANSWER_S = 1.0
 """Timeout of queries, during which samples wait."""
 MAX_OTHER_RUNS = 100
@@ -90,7 +91,7 @@ class Recorder:
         self._asked_for = 0
         """... and the number of samples that had arrived before it and waited."""
         self._waiting: deque[Sent] = deque()
-        self._waiting_bytes, self._most_bytes = 0, config.backlog_mib * BYTES_PER_MIB
+        self._waiting_bytes, self._most_bytes = 0, BACKLOG_BYTES
         self._described: set[str] = set()
         for key in config.keys:
             includes(key, key)  # a wrong key is an error before the file exists
@@ -100,7 +101,7 @@ class Recorder:
         if isinstance(bus, ZenohBus):
             for index, key in enumerate(recorded):
                 take = partial(self._take_bytes, recorded[:index])
-                bus.subscribe_bytes(key, take, config.backlog_mib * BYTES_PER_MIB)
+                bus.subscribe_bytes(key, take, BACKLOG_BYTES)
         else:
             heard = [topic for topic in topics if "*" not in topic.key]
             heard += map(keys.diagnostics, services)
@@ -121,7 +122,7 @@ class Recorder:
 
     def close(self) -> None:
         """Record the waiting samples, and finish the file."""
-        self._most_bytes = 0.0  # later runs begin without a query to another process
+        self._most_bytes = 0  # later runs begin without a query to another process
         while self._answer is not None:
             wait([self._answer])
             self._go_on()
@@ -147,7 +148,7 @@ class Recorder:
             self._waiting.append(sample)
             self._waiting_bytes += bytes_of(sample)
         else:
-            self._bus.refuse(key, f"more than {self._most_bytes:.0f} bytes wait")
+            self._bus.refuse(key, f"more than {self._most_bytes} bytes wait")
 
     def _go_on(self) -> None:
         """Record the samples that wait for an answer, once it has arrived."""

@@ -16,6 +16,8 @@ from mecazen_sensors.camera import Camera
 from mecazen_sensors.scene import CARRIER, Scene
 
 FRAME = "camera_depth_optical_frame"
+EDGE_STEP_M = 0.1
+"""Difference of depth between neighbours that makes an edge [m]."""
 """z ahead, x to the right, y down (REP-103)."""
 
 
@@ -58,7 +60,7 @@ class DepthCamera:
         far = 2.0 * config.max_range_m  # stands for no return
         depths[depths > far] = far
         near = _nearest(depths)
-        edge = depths - near > config.edge_step_m
+        edge = depths - near > EDGE_STEP_M
         lost = edge & (chance < config.edge_probability)
         flying = edge & (chance > 1.0 - config.edge_probability)
         if config.edge_probability > 0.0:

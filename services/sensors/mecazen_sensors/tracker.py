@@ -48,6 +48,8 @@ BIAS_SCALE = {"pelvis": 1.5, "hip": 2.2, "knee": 0.8, "ankle": 1.0, "heel": 0.8,
 GUESSED_STD_M = {"knee": 0.2, "ankle": 0.28, "heel": 0.4, "foot": 0.4}
 """Additional reported deviation of a hidden joint of a leg, per `hidden_pull`; tuned for lag and
 pull together."""
+WHITE_RANGE_M = 3.0
+"""Depth at which white noise has twice the deviation near the camera [m]."""
 BEHIND_RAD = math.radians(60.0)
 """Bearing from straight behind a person within which back and front may be confused."""
 RESOLUTION = 4
@@ -213,7 +215,7 @@ class Tracker:
         track.relative = relative
 
         factor = 1.0 + (config.hidden_factor - 1.0) * hidden
-        near = depths / config.white_range_m
+        near = depths / WHITE_RANGE_M
         white = self._white_std * (1.0 + near * near) * factor
         drift = self._drift_std * factor
         harmonics = (1.0, c, s, c * c - s * s, 2.0 * s * c)

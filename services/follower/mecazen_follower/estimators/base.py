@@ -15,6 +15,8 @@ from mecazen.messages import PlanarCovariance
 
 Array = npt.NDArray[np.float64]
 
+INITIAL_SPEED_STD_M_S, INITIAL_YAW_RATE_STD_RAD_S = 1.0, 0.5
+"""Prior of each velocity, since the first observation has none."""
 MIN_NOISE: Array = 2e-12 * np.eye(3)
 """Added to the covariance of an observation [m², rad²], so that none is singular."""
 

@@ -10,7 +10,13 @@ import numpy as np
 from mecazen.config.follower import CtrvParams, TurnRateParams
 from mecazen.geometry import Pose2D
 
-from mecazen_follower.estimators.base import Array, Estimate, Estimator
+from mecazen_follower.estimators.base import (
+    INITIAL_SPEED_STD_M_S,
+    INITIAL_YAW_RATE_STD_RAD_S,
+    Array,
+    Estimate,
+    Estimator,
+)
 from mecazen_follower.estimators.modes import Mode, ModeBank
 from mecazen_follower.estimators.turn_rate import (
     SEEN,
@@ -76,7 +82,7 @@ class TurnRateEstimator(Estimator):
 
     def __init__(self, params: TurnRateParams) -> None:
         super().__init__(params)
-        self._initial = params.initial_speed_std_m_s**2, params.initial_yaw_rate_std_rad_s**2
+        self._initial = INITIAL_SPEED_STD_M_S**2, INITIAL_YAW_RATE_STD_RAD_S**2
         self._noise_memory = params.noise_memory_s
         self.reset()
 

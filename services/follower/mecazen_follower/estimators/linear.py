@@ -10,7 +10,14 @@ from mecazen.config.follower import ConstantVelocityParams, DisplacementParams
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.portable import product
 
-from mecazen_follower.estimators.base import Array, Estimate, Estimator, as_tuple
+from mecazen_follower.estimators.base import (
+    INITIAL_SPEED_STD_M_S,
+    INITIAL_YAW_RATE_STD_RAD_S,
+    Array,
+    Estimate,
+    Estimator,
+    as_tuple,
+)
 
 IDENTITY = np.eye(3)
 
@@ -27,8 +34,8 @@ class ConstantVelocityFilter(Estimator, name="kf_cv"):
 
     def __init__(self, params: ConstantVelocityParams) -> None:
         super().__init__(params)
-        speed = params.initial_speed_std_m_s**2
-        self._initial = speed, speed, params.initial_yaw_rate_std_rad_s**2
+        speed = INITIAL_SPEED_STD_M_S**2
+        self._initial = speed, speed, INITIAL_YAW_RATE_STD_RAD_S**2
         linear = params.acceleration_std_m_s2**2
         self._densities = linear, linear, params.yaw_acceleration_std_rad_s2**2
         self._dt = 0.0

@@ -11,6 +11,7 @@ from mecazen.drive import Array
 from mecazen.portable import Floats, arctan2
 
 from mecazen_follower.planner.rollout import Command
+from mecazen_follower.polar import HEADING_BRAKING_RAD_S2, LINEAR_BRAKING_M_S2
 
 
 class Goals(NamedTuple):
@@ -29,12 +30,12 @@ def towards(person: Floats, goals: Goals, law: PolarControl) -> Command:
 
     `person` (steps, 3) contains the person's predicted poses.
     """
-    n, linear_braking = goals.poses.shape[-1], law.linear_braking_m_s2
+    n = goals.poses.shape[-1]
     gain, twice_braking = (
         np.repeat(np.array(values)[:, None], n, axis=1)
         for values in (
             (law.linear_gain_1_s, law.linear_gain_1_s, law.heading_gain_1_s),
-            (2.0 * linear_braking, 2.0 * linear_braking, 2.0 * law.heading_braking_rad_s2),
+            (2.0 * LINEAR_BRAKING_M_S2, 2.0 * LINEAR_BRAKING_M_S2, 2.0 * HEADING_BRAKING_RAD_S2),
         )
     )
     reaches = goals.poses[:, :2] - person[:, :2, None]
