@@ -21,7 +21,7 @@ from mecazen.config import Scenario
 from mecazen.explain import describe
 from mecazen.files import to_value
 from mecazen.graph import GRAPH, Graph
-from mecazen.schema import LIVE, NO_KEYS
+from mecazen.schema import NO_KEYS, is_live, members
 from mecazen_ros.types import package_files
 from mecazen_tools.cli.app import app
 from mecazen_tools.cli.graph import call_rows, gives, takes, topic_rows
@@ -162,12 +162,13 @@ def settings(
 
 def setting(struct: type, field: types.Field, prefix: str) -> Setting:
     """Return the row of a field of a struct."""
-    kind, live = bare(field.type)
-    key = f"{prefix}{field.encode_name}{'[]' if is_list(kind) and structs_of(kind) else ''}"
-    values = describe(kind)
+    structs = structs_of(field.type)
+    is_list = structs and structs != [*members(field.type)]
+    key = f"{prefix}{field.encode_name}{'[]' if is_list else ''}"
+    values = describe(field.type)
     for pattern, replacement in SHORTER:
         values = re.sub(pattern, replacement, values)
-    values += ", *live*" if live else ""
+    values += ", *live*" if is_live(field.type) else ""
     return Setting(key, default_of(field), values, meanings(struct).get(field.name, ""))
 
 
@@ -183,27 +184,12 @@ def default_of(field: types.Field) -> str:
     return "none" if value is None else f"`{to_value(msgspec.to_builtins(value, enc_hook=str))}`"
 
 
-def bare(kind: types.Type) -> tuple[types.Type, bool]:
-    """Return a type without metadata, and whether a running simulation may change it."""
-    live = False
-    while isinstance(kind, types.Metadata):
-        live |= bool((kind.extra or {}).get(LIVE))
-        kind = kind.type
-    return kind, live
-
-
-def is_list(kind: types.Type) -> bool:
-    """Return whether a type is a list of any length."""
-    return isinstance(bare(kind)[0], types.VarTupleType | types.ListType)
-
-
 def structs_of(kind: types.Type) -> list[types.StructType]:
-    """Return the structs that a type consists of."""
-    kind, _ = bare(kind)
-    if isinstance(kind, types.VarTupleType | types.ListType):
-        return structs_of(kind.item_type)
-    members = kind.types if isinstance(kind, types.UnionType) else (kind,)
-    return [member for member in members if isinstance(member, types.StructType)]
+    """Return the structs that a type or the items of a list consist of."""
+    lists = types.VarTupleType | types.ListType
+    parts = [part for part in members(kind) if isinstance(part, lists)]
+    kinds = members(parts[0].item_type) if parts else members(kind)
+    return [part for part in kinds if isinstance(part, types.StructType)]
 
 
 def about(struct: types.StructType) -> str:

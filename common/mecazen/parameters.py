@@ -18,7 +18,7 @@ from mecazen.files import parse_value, to_value
 from mecazen.graph import SERVICES
 from mecazen.loading import convert, effective, override
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
-from mecazen.schema import LIVE, Section, members
+from mecazen.schema import Section, is_live, members
 from mecazen.text import printable
 
 ROBOTS = "robots"
@@ -73,7 +73,7 @@ def _within(section: object) -> Iterator[tuple[str, Live]]:
         return
     for field in mi.type_info(type(section)).fields:  # type: ignore[attr-defined]
         value = getattr(section, field.name)
-        if isinstance(field.type, mi.Metadata) and (field.type.extra or {}).get(LIVE):
+        if is_live(field.type):
             yield field.name, Live(value, field.type)
         else:
             yield from ((f"{field.name}.{key}", live) for key, live in _within(value))

@@ -47,6 +47,11 @@ NO_KEYS = ("robot_name", "others")
 """Fields of a scenario that are no keys of a file: `Scenario.of` fills them in."""
 
 
+def is_live(node: mi.Type) -> bool:
+    """Return whether a field of this type may change while a simulation runs."""
+    return isinstance(node, mi.Metadata) and bool((node.extra or {}).get(LIVE))
+
+
 def members(node: mi.Type) -> tuple[mi.Type, ...]:
     """Return the types that a value may have, without metadata and None."""
     if isinstance(node, mi.Metadata):
