@@ -201,18 +201,16 @@ class RosNode:
             refuse_implausible(topic.name, message)
             return message
 
-        def take(sample: zenoh.Sample) -> bool:
-            try:
-                message = read(sample)
-            except RefusedError as refusal:
-                self._bus.refuse(source, str(refusal))
-                return False
-            self._ros.put(topic, message)
-            return True
+        keep = self._bus.keep_newest(partial(self._ros.put, topic), source)
 
-        receive = direct(self._bus.keep_newest(take, source))
+        def receive(sample: zenoh.Sample) -> None:
+            try:
+                keep(read(sample))
+            except RefusedError as refusal:
+                self._bus.queue.put(partial(self._bus.refuse, source, str(refusal)))
+
         subscriber = self._ros.session.declare_subscriber(
-            key, receive, allowed_origin=zenoh.Locality.REMOTE
+            key, direct(receive), allowed_origin=zenoh.Locality.REMOTE
         )
         self._ros.kept.append(subscriber)
         self._declare("MS", name, ros_type)

@@ -7,6 +7,7 @@ import socket
 from contextlib import closing
 
 import pytest
+import zenoh
 from harness import error_of, wait
 from mecazen.bus import ports
 from mecazen.bus.session import includes, is_open, open_session, session_config
@@ -107,7 +108,11 @@ def test_a_router_limits_rate_per_link_and_key_and_size(free_port):
 
         def put(end, payload, *names):
             with open_session(config, "client") as session:
-                links = [session.declare_publisher(key) for key in (*names, end)]
+                block = zenoh.CongestionControl.BLOCK
+                links = [
+                    session.declare_publisher(key, congestion_control=block)
+                    for key in (*names, end)
+                ]
                 wait(near, lambda: all(link.matching_status.matching for link in links))
                 for link in (*links[:-1], *links[:-1]):
                     link.put(payload)
