@@ -1,5 +1,6 @@
 """Parts of the commands, each by itself; whole command lines: tests/system/test_cli.py."""
 
+import re
 import resource
 import signal
 import subprocess
@@ -159,6 +160,18 @@ def test_tables_show_rules_rates_and_sources():
     }
     ((key, _, _, source, _),) = graph.call_rows(nodes)
     assert (key, source) == ("sim/state", "wheels")
+
+
+def test_a_scenario_has_its_own_nodes_in_their_order():
+    together = "processes=[['target','follower']]"
+    shown = CliRunner().invoke(app.app, ["graph", "back", "--set", together]).stdout
+    cells = [line.split("│")[1].strip() for line in shown.splitlines() if line.startswith("│")]
+    assert [cell for cell in cells if cell] == [
+        *("clock", "in physics", "physics", "odometry", "in controller"),
+        *("target", "in target+follower", "follower", "in target+follower", "controller"),
+    ]
+    shown = CliRunner().invoke(app.app, ["topics", "back"]).stdout
+    assert re.search(r"│ scan +│ sensor_msgs/LaserScan +│ any +│ anyone ", shown)  # has no lidar
 
 
 FULL = "error: the output is incomplete: "
