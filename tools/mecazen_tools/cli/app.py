@@ -43,7 +43,7 @@ EXTRAS = {
     "bench": {"bench": "mecazen_bench.cli:app"},
 }
 """Commands of extras: a function or a group of commands, by extra and by name."""
-CONNECTED = (*("topics", "status", "echo", "pub", "teleop", "sim", "param"), *("record", "replay"))
+CONNECTED = "topics, status, echo, pub, teleop, sim, param, record, replay"
 """Commands that connect to a simulation."""
 CONNECTION = ("--connect", "--namespace", "--tls")
 """Their options, which come before the command."""
@@ -56,8 +56,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="mecazen: a mecanum robot follows a person. Services over Zenoh, real rollers, one result."
-    "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/]. "
-    f"Options to connect are for {', '.join(CONNECTED)}.",
+    "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/].",
 )
 certificates_app = typer.Typer(
     no_args_is_help=True, help="Certificates, for TLS and access control."
@@ -107,15 +106,18 @@ def connect_to(
     ] = False,
 ) -> None:
     """Keep where the command finds a simulation; the help of `mecazen` is the application's."""
-    used = {"connect": connect and [connect], "namespace": namespace, "keys": tls and Folder(tls)}
-    used = {name: value for name, value in used.items() if value is not None}
-    if used and context.invoked_subcommand not in CONNECTED:
+    settings = {
+        "connect": None if connect is None else [connect],
+        "namespace": namespace,
+        "keys": None if tls is None else Folder(tls),
+    }
+    if any(settings.values()) and context.invoked_subcommand not in CONNECTED.split(", "):
         raise ConfigError(
-            f"{', '.join(CONNECTION)} are for {', '.join(CONNECTED)}; scenarios have settings "
-            "instead, as in --set bus.namespace=lab"
+            f"{', '.join(CONNECTION)} are for {CONNECTED}; scenarios have settings instead, as in "
+            "--set bus.namespace=lab"
         )
     try:
-        context.obj = msgspec.convert(used, BusConfig)
+        context.obj = msgspec.convert(settings, BusConfig)
     except msgspec.ValidationError as error:
         raise ConfigError(f"--namespace {namespace}: {error}") from None
 
