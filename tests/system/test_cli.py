@@ -70,15 +70,13 @@ def test_scenario_and_settings_may_come_from_the_environment(here):
     assert_one_line(here("config", **wrong), 2, "sim.speed", "0.01")
 
 
-def test_every_command_has_help_that_says_what_it_does(here):
+def test_every_command_has_help(here):
     names = ["up", "run", "simulate", "collect", "topics", "status", "echo", "pub", "config"]
-    names += ["sim", "view", "graph", "record", "replay", "info"]
-    for name in names:
-        done = here(name, "--help")
-        assert done.returncode == 0
-        assert len(done.stdout) > 300
+    names += ["sim", "param", "keys", "view", "graph", "teleop", "record", "replay", "info"]
     overview = here("--help").stdout
-    assert all(name in overview for name in names)
+    for name in names:
+        assert f"│ {name} " in overview
+        assert f"mecazen {name} " in here(name, "--help").stdout
     for same in (("help",), ("-h",)):
         assert here(*same).stdout == overview
     for same in (("help", "param", "set"), ("param", "set", "-h")):

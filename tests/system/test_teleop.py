@@ -108,7 +108,7 @@ def cmd(x=0.0, y=0.0, yaw=0.0, key="cmd_vel"):
     return key, Twist2D(x, y, yaw)
 
 
-def test_a_key_drives_until_it_is_let_go_and_the_line_tells_what_happens(robot):
+def test_a_key_drives_until_its_release(robot):
     hand = robot.play()
     robot.wait(lambda: "nobody listens to cmd_vel" in hand.text)
     robot.bus.declare_alive("controller")

@@ -35,7 +35,7 @@ def load(folder, name):
     return x509.load_pem_x509_certificate((folder / f"{name}.crt").read_bytes())
 
 
-def test_each_service_has_a_certificate_of_its_name_that_signs_nothing(folder):
+def test_each_service_has_a_certificate_that_signs_nothing(folder):
     assert sorted(file.stem for file in folder.glob("*.key")) == sorted(certificates.NAMES)
     for name in certificates.NAMES:
         certificate = load(folder, name)
@@ -56,7 +56,7 @@ def test_certificates_are_valid_for_loopback_and_the_hosts(folder):
     ]
 
 
-def test_keys_are_for_their_owner_alone_and_never_overwritten(folder):
+def test_keys_are_private_and_never_overwritten(folder):
     files = {file: (file.stat().st_mode & 0o777, file.read_bytes()) for file in folder.iterdir()}
     assert folder.stat().st_mode & 0o777 == 0o700
     assert {mode for file, (mode, _) in files.items() if file.suffix == ".key"} == {0o600}
@@ -69,7 +69,7 @@ UNREACHABLE = ["0.0.0.0", "::", "224.0.0.1", "ff02::1"]  # noqa: S104  # refused
 
 
 @pytest.mark.parametrize("host", ["", "a b", "-/", "256.1.1.1", "a..b", "*", "ä.de", *UNREACHABLE])
-def test_a_wrong_host_is_one_line_and_no_folder(tmp_path, host):
+def test_a_wrong_host_leaves_no_folder(tmp_path, host):
     text = error_of(MecazenError, lambda: certificates.create(tmp_path / "keys", [host]))
     assert text.startswith(f"--host {host}: ")
     assert not (tmp_path / "keys").exists()

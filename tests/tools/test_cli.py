@@ -162,7 +162,7 @@ def test_tables_show_rules_rates_and_sources():
     assert (key, source) == ("sim/state", "wheels")
 
 
-def test_a_scenario_has_its_own_nodes_in_their_order():
+def test_a_scenario_has_its_own_nodes():
     together = "processes=[['target','follower']]"
     shown = CliRunner().invoke(app.app, ["graph", "back", "--set", together]).stdout
     cells = [line.split("│")[1].strip() for line in shown.splitlines() if line.startswith("│")]
@@ -178,7 +178,7 @@ FULL = "error: the output is incomplete: "
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_output_that_does_not_fit_on_the_disk_is_one_line(tmp_path, unbuffered):
+def test_a_full_disk_is_one_line(tmp_path, unbuffered):
     def run(target, *arguments):
         """Run a command whose output may have 2000 bytes."""
 

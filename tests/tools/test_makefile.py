@@ -58,7 +58,7 @@ def test_make_takes_the_first_python_in_range(make_venv, settings, pythons, used
 
 
 @pytest.mark.parametrize("settings", [(), ("PYTHON=python3.10",)], ids=["none found", "too old"])
-def test_without_a_python_in_range_make_ends_in_one_line(make_venv, settings):
+def test_no_python_in_range_is_one_line(make_venv, settings):
     done = make_venv(*settings, python3=OLD, python3_10=OLD)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()

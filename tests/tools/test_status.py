@@ -82,7 +82,7 @@ def lines_of(status, width=160):
     return capture.get().splitlines()
 
 
-def test_the_state_of_a_service_comes_from_all_reports():
+def test_a_state_comes_from_all_reports():
     services = status_of().services
     follower, physics = services["follower"], services["physics"]
     assert follower.inputs == {
@@ -117,7 +117,7 @@ def test_services_of_the_scenario_come_first():
         ({"mode": "lockstep"}, 100.0, "ready"),
     ],
 )
-def test_a_service_that_does_not_report_while_time_passes_is_stale(sim, age_s, state, monkeypatch):
+def test_a_silent_service_is_stale_while_time_passes(sim, age_s, state, monkeypatch):
     net = Net(sim=SimState(**{"mode": "real_time", "rtf": 1.0} | sim))
     diagnostics = Diagnostics(net)
     begin_s = time.monotonic()
@@ -130,7 +130,7 @@ def test_a_service_that_does_not_report_while_time_passes_is_stale(sim, age_s, s
     assert (f"stale for {age_s} s" in "\n".join(lines_of(status))) is (state == "stale")
 
 
-def test_the_screen_has_a_line_for_each_service_below_simulated_time():
+def test_the_screen_has_a_line_for_each_service():
     head, *table = lines_of(status_of(alive=READY - {"controller"}))
     assert head == "t = 12.5 s  ·  1.99 × real time (speed 2)  ·  real time  ·  seed 7"
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in table if "│" in line]

@@ -102,7 +102,7 @@ def test_the_overview_shows_robot_person_and_pace(report):
     assert text.endswith("  ·  1.0 × real time, 0 missed")
 
 
-def test_the_overview_shows_the_age_of_a_stale_report(report, monkeypatch):
+def test_the_overview_shows_stale_reports(report, monkeypatch):
     begin_s = time.monotonic()
     text = report("follower", tracking="following", distance_error_m=0.01)
     assert text.endswith("following, +0.010 m off")
