@@ -32,7 +32,7 @@ from mecazen.urdf import ask_description
 from mecazen.wire import Stamp
 
 from mecazen_ros import cdr, protocol, services, topics
-from mecazen_ros.services import Give, QueryReply, RosService
+from mecazen_ros.services import QueryReply, Respond, RosService
 from mecazen_ros.topics import RosTopic, full_name, ros_name
 from mecazen_ros.types import RosTypeError, registered, type_hash
 
@@ -87,7 +87,6 @@ class RosSession:
         self.kept.append(self.session.liveliness().declare_token(token))
 
     def close(self) -> None:
-        """Close the session, and with it all its declarations."""
         self.session.close()  # type: ignore[no-untyped-call]
 
 
@@ -162,10 +161,8 @@ class RosNode:
     def _publish(self, row: Row, topic: Topic[Any], robot: str, namespace: str) -> None:
         """Publish an output of a row in ROS while it has subscribers there."""
         listeners = self._bus.listeners(of_robot(topic, robot))
-        name, odom_tf = (
-            topics.name_of(row, topic, self._key_of(topic, robot)),
-            self._ros.config.ros_odom_tf,
-        )
+        name = topics.name_of(row, topic, self._key_of(topic, robot))
+        odom_tf = self._ros.config.ros_odom_tf
         for ros_topic in topics.publications(topic, name, namespace, odom_tf=odom_tf):
             try:
                 ros_type = self._ros.type(registered(ros_topic.kind))
@@ -184,10 +181,8 @@ class RosNode:
         self, topic: Topic[Any], robot: str, ros_topic: RosTopic, namespace: str
     ) -> None:
         """Publish samples from ROS on the plain key, without a stamp."""
-        name, ros_type = (
-            full_name(ros_topic.name, namespace),
-            self._ros.type(registered(ros_topic.kind)),
-        )
+        name = full_name(ros_topic.name, namespace)
+        ros_type = self._ros.type(registered(ros_topic.kind))
         key, source = self._ros.key(name, ros_type), join_key(f"ros2/{ros_topic.name}", robot)
 
         def read(sample: zenoh.Sample) -> Message:
@@ -221,25 +216,25 @@ class RosNode:
         def ask(call: Call[Any, Any], request: Message) -> Any:
             return self._bus.call(call_of_robot(call, self._robot), request)
 
-        def respond(service: RosService, request: Message, give: Give) -> None:
-            give(service.response(**service.ask(parameters, request)))
+        def answer(service: RosService, request: Message, respond: Respond) -> None:
+            respond(service.response(**service.ask(parameters, request)))
 
         parameters = services.NodeParameters(node, robot, ask)
         for service in services.OF_NODE:
             name = f"{ros_name(node)}/{service.name}"
-            self._serve(name, self._within(robot), service, partial(respond, service))
+            self._serve(name, self._within(robot), service, partial(answer, service))
 
-    def _ask(self, service: RosService, request: Message, give: Give) -> None:
+    def _ask(self, service: RosService, request: Message, respond: Respond) -> None:
         """Pass a request as a query to its server in this process, which answers now or later."""
         call, query = service.ask(request)
-        self._bus.server(call_of_robot(call, self._robot))(query, QueryReply(give, service))
+        self._bus.server(call_of_robot(call, self._robot))(query, QueryReply(respond, service))
 
     def _serve(
         self,
         name: str,
         namespace: str,
         service: RosService,
-        respond: Callable[[Message, Give], None],
+        answer: Callable[[Message, Respond], None],
     ) -> None:
         """Answer requests on the bus's thread; count those without rmw_zenoh's attachment."""
         key = self._ros.key(full_name(name, namespace), self._ros.type(service.kind))
@@ -252,16 +247,16 @@ class RosNode:
                 query.drop()  # type: ignore[no-untyped-call]
                 return
 
-            def give(message: Message) -> None:
+            def respond(message: Message) -> None:
                 with query:
                     attachment = protocol.attachment(sequence, gid)
                     query.reply(key, cdr.encode(message), attachment=attachment)
 
             payload = b"" if query.payload is None else query.payload.to_bytes()
             try:
-                respond(cdr.decode(payload, service.request), give)
+                answer(cdr.decode(payload, service.request), respond)
             except RefusedError as refusal:
-                give(service.respond(services.UNSUPPORTED, str(refusal)))
+                respond(service.respond(services.UNSUPPORTED, str(refusal)))
 
         receive = direct(self._bus.keep_every(take))
         queryable = self._ros.session.declare_queryable(key, receive, complete=True)
@@ -311,7 +306,5 @@ def _match(queue: Queue, listeners: list[Send], send: Send, status: zenoh.Matchi
 
 def _receiver(graph: Graph, topic: Topic[Any]) -> Row | None:
     """Return the only node that receives a topic from ROS; others receive it on the plain key."""
-    for row in graph.rows:
-        if not row.observes and not row.shared and topic in [i.topic for i in row.inputs]:
-            return row
-    return None
+    rows = (row for row in graph.rows if not row.observes and not row.shared)
+    return next((row for row in rows if topic in [i.topic for i in row.inputs]), None)

@@ -43,12 +43,11 @@ def sequence_and_gid(received: zenoh.Sample | zenoh.Query) -> tuple[int, bytes]:
         RefusedError: The attachment is not rmw_zenoh's.
     """
     data = b"" if received.attachment is None else received.attachment.to_bytes()
-    if len(data) < _ATTACHMENT.size:
-        raise RefusedError(f"attachment of {len(data)} bytes, rmw_zenoh's has {_ATTACHMENT.size}")
-    sequence, time_ns, length, gid = _ATTACHMENT.unpack_from(data)
-    if sequence < 0 or time_ns < 0 or length != GID_BYTES:
-        raise RefusedError("attachment that is not rmw_zenoh's")
-    return sequence, gid
+    if len(data) >= _ATTACHMENT.size:
+        sequence, time_ns, length, gid = _ATTACHMENT.unpack_from(data)
+        if sequence >= 0 and time_ns >= 0 and length == GID_BYTES:
+            return sequence, gid
+    raise RefusedError(f"attachment of {len(data)} bytes that is not rmw_zenoh's")
 
 
 def gid_of(token: str) -> bytes:

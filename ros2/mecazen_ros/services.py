@@ -28,7 +28,6 @@ PLAYING, PAUSED = 1, 2
 """Results and states of simulation_interfaces."""
 MAX_STEPS = 10**9
 TRIGGER = "std_srvs/srv/Trigger"
-STATE = "simulation_interfaces/srv/GetSimulationState"
 Result = message("simulation_interfaces/msg/Result")
 SimulationState = message("simulation_interfaces/msg/SimulationState")
 
@@ -44,7 +43,7 @@ FIELDS = ParameterValue.__struct_fields__
 """Fields of a value, by the number of its type."""
 
 Query = tuple[Call[Any, Any], Message]
-Give = Callable[[Message], None]
+Respond = Callable[[Message], None]
 """Sends the response to a request."""
 
 
@@ -83,7 +82,7 @@ class RosService(NamedTuple):
         if self in OF_NODE:  # the responses have no field for a malformed request
             return self.response()
         fields = {"result": Result(result, reason)}
-        if self.kind == STATE and answer is not None:
+        if self.call is keys.SIM_STATE and answer is not None:
             fields["state"] = SimulationState(PAUSED if answer.paused else PLAYING)
         return self.response(**fields)
 
@@ -91,15 +90,15 @@ class RosService(NamedTuple):
 class QueryReply(Reply[Any]):
     """Answers a request by the answer to a query."""
 
-    def __init__(self, give: Give, service: RosService) -> None:
-        self._give, self._service = give, service
+    def __init__(self, respond: Respond, service: RosService) -> None:
+        self._respond, self._service = respond, service
 
     def answer(self, message: Any) -> None:
-        self._give(self._service.respond(OK, "", message))
+        self._respond(self._service.respond(OK, "", message))
 
     def refuse(self, reason: str) -> None:
         # ROS clients do not react to an error of Zenoh
-        self._give(self._service.respond(FAILED, reason))
+        self._respond(self._service.respond(FAILED, reason))
 
 
 def _reset(request: Any) -> Query:
@@ -114,6 +113,10 @@ def _step(request: Any) -> Query:
     return keys.SIM_STEP, m.StepRequest(ticks=request.steps)
 
 
+def _get_state(_: Any) -> Query:
+    return keys.SIM_STATE, m.Empty()
+
+
 def _set_state(request: Any) -> Query:
     calls = {PLAYING: keys.SIM_RESUME, PAUSED: keys.SIM_PAUSE}
     if request.state.state not in calls:
@@ -122,15 +125,13 @@ def _set_state(request: Any) -> Query:
 
 
 TRIGGERS = keys.SIM_RESET, keys.SIM_PAUSE, keys.SIM_RESUME, keys.STOP_MOTORS, keys.RELEASE_MOTORS
-STANDARD: tuple[tuple[str, Call[Any, Any], Callable[[Any], Query]], ...] = (
-    ("reset_simulation", keys.SIM_RESET, _reset),
-    ("step_simulation", keys.SIM_STEP, _step),
-    ("set_simulation_state", keys.SIM_PAUSE, _set_state),
-    ("get_simulation_state", keys.SIM_STATE, lambda _: (keys.SIM_STATE, m.Empty())),
-)
+INTERFACES = "simulation_interfaces"
 OF_SIMULATION = (
     *(RosService(c.key, "std_srvs", c, lambda _, c=c: (c, c.request())) for c in TRIGGERS),
-    *(RosService(name, "simulation_interfaces", call, ask) for name, call, ask in STANDARD),
+    RosService("reset_simulation", INTERFACES, keys.SIM_RESET, _reset),
+    RosService("step_simulation", INTERFACES, keys.SIM_STEP, _step),
+    RosService("set_simulation_state", INTERFACES, keys.SIM_PAUSE, _set_state),
+    RosService("get_simulation_state", INTERFACES, keys.SIM_STATE, _get_state),
 )
 
 
@@ -158,19 +159,15 @@ class NodeParameters:
         return {"values": tuple(map(_value, self._named(request)))}
 
     def get_parameter_types(self, request: Any) -> dict[str, Any]:
-        """Return the types of values; see `get_parameters`."""
         return {"types": bytes(_value(parameter).type for parameter in self._named(request))}
 
     def describe_parameters(self, request: Any) -> dict[str, Any]:
-        """Return units and allowed values."""
         return {"descriptors": tuple(map(_descriptor, request.names, self._named(request)))}
 
     def set_parameters(self, request: Any) -> dict[str, Any]:
-        """Set each parameter independently of the others."""
         return {"results": tuple(self._set([parameter]) for parameter in request.parameters)}
 
     def set_parameters_atomically(self, request: Any) -> dict[str, Any]:
-        """Set all parameters or none."""
         return {"result": self._set(request.parameters)}
 
     def _descriptors(self) -> dict[str, m.ParameterDescriptor]:
@@ -261,14 +258,10 @@ def _descriptor(name: str, parameter: m.ParameterDescriptor) -> Any:
     )
 
 
-OF_NODE = tuple(
-    RosService(
-        name,
-        "rcl_interfaces",
-        keys.SET_PARAMETERS if name.startswith("set") else keys.GET_PARAMETERS,
-        method,
-    )
-    for name, method in vars(NodeParameters).items()
-    if not name.startswith("_")
-)
+def _of_node(name: str, method: Callable[..., Any]) -> RosService:
+    call = keys.SET_PARAMETERS if name.startswith("set") else keys.GET_PARAMETERS
+    return RosService(name, "rcl_interfaces", call, method)
+
+
+OF_NODE = tuple(_of_node(*item) for item in vars(NodeParameters).items() if item[0][0] != "_")
 """Services of every node, with names relative to the node: the methods of its parameters."""

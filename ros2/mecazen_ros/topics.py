@@ -103,13 +103,10 @@ def subscriptions(topic: Topic[Any], key: str, *, has_source: bool = True) -> li
     if not topic.open and (has_source or not topic.sensed):
         return []
     name = ros_name(key)
-    if topic.type is m.LaserScan:
-        return [RosTopic(name, topic.type, SENSOR_DATA)]
-    plain = RosTopic(name, topic.type)
+    received = [RosTopic(name, topic.type, QOS.get(topic.type, RELIABLE))]
     if topic.type is m.Twist:  # Nav2 sends either type, and each type has its own key
-        stamped = RosTopic(name, TwistStamped, convert=lambda stamped: stamped.twist)
-        return [plain, stamped]
-    return [plain]
+        received.append(RosTopic(name, TwistStamped, convert=lambda stamped: stamped.twist))
+    return received
 
 
 def prefixed(message: Any, prefix: str) -> Any:
@@ -173,8 +170,7 @@ def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:
 def _frame(odometry: m.Odometry, prefix: str) -> Any:
     """Return the child frame of an odometry, the robot's base, relative to the odometry's frame."""
     pose = odometry.pose.pose
-    translation = m.Vector3(pose.position.x, pose.position.y, pose.position.z)
-    transform = Transform(translation, pose.orientation)
+    transform = Transform(m.Vector3(*msgspec.structs.astuple(pose.position)), pose.orientation)
     frame = TransformStamped(odometry.header, odometry.child_frame_id, transform)
     return prefixed(TFMessage((frame,)), prefix)
 

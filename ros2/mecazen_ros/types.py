@@ -138,8 +138,8 @@ def registered(kind: type[Message]) -> str:
             try:
                 fields.append((field.name, _shape(field.type)))
             except KeyError as error:
-                what = f"{name}: {field.name}: ROS has no type for {error.args[0]}"
-                raise RosTypeError(what) from None
+                reason = f"ROS has no type for {error.args[0]}"
+                raise RosTypeError(f"{name}: {field.name}: {reason}") from None
         _register(name, fields)
     names = [field for field, _ in STORE.fielddefs[name][1] if field != NO_FIELD]
     if names != [*kind.__struct_fields__]:
@@ -213,8 +213,7 @@ def package_files(folder: Path) -> Iterator[tuple[Path, str]]:
         names = re.findall(rf"MSG: {PACKAGE}/(.+)", definition(topic.type))
         for short in (*names, name) if package == PACKAGE else names:
             kind = message(f"{PACKAGE}/msg/{short}")
-            comment = "".join(
-                f"# {line}".rstrip() + "\n" for line in inspect.cleandoc(kind.__doc__).splitlines()
-            )
+            lines = inspect.cleandoc(kind.__doc__).splitlines()
+            comment = "".join(f"# {line}".rstrip() + "\n" for line in lines)
             fields = definition(kind).partition("=" * 80)[0]
             yield folder / "msg" / f"{short}.msg", f"{comment}\n{fields}"

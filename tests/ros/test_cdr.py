@@ -1,5 +1,6 @@
 """Messages survive CDR bit for bit, others read it, and types are those of ROS 2 Jazzy."""
 
+import math
 import random
 import struct
 import tracemalloc
@@ -26,12 +27,6 @@ with pytest.MonkeyPatch.context() as patch:
     from ros2_pyterfaces.core.rcl_interfaces import srv
 
 PACKAGE = ROOT / "ros2" / "mecazen_msgs"
-HEADER = m.Header(m.Time(1, 2), "odom")
-HEADER_BYTES = bytes.fromhex(
-    "00010000"  # little-endian
-    "01000000 02000000"  # the time
-    "05000000 6f646f6d00"  # five bytes with the zero: odom
-)
 
 
 @given(data=st.data())
@@ -42,30 +37,6 @@ def test_messages_are_the_same_after_cdr_and_to_another_reader(data):
     payload = cdr.encode(message)
     assert plain(cdr.decode(payload, kind)) == plain(message)
     assert bits(grammar.message(payload, kind.ROS_TYPE, definition(kind))) == plain(message)
-
-
-@pytest.mark.parametrize(
-    ("message", "payload"),
-    [
-        (m.Empty(), bytes.fromhex("0001000000")),
-        (
-            m.JointState(HEADER, ("a", "bcd"), (0.5,), (), (-2.0, 1.0)),
-            HEADER_BYTES
-            + bytes.fromhex(
-                "000000"  # offset 17: a length is at a multiple of 4
-                "02000000 02000000 6100"  # two names, of two bytes: a
-                "0000 04000000 62636400"  # and of four: bcd
-                "01000000 00000000 000000000000e03f"  # offset 44: a number is at a multiple of 8
-                "00000000"  # no velocity
-                "02000000 00000000000000c0 000000000000f03f"  # offset 64
-            ),
-        ),
-    ],
-    ids=["nothing", "joints"],
-)
-def test_fields_are_aligned_to_their_size_after_the_header(message, payload):
-    assert cdr.encode(message) == payload
-    assert cdr.decode(payload, type(message)) == message
 
 
 @given(data=st.data())
@@ -86,21 +57,12 @@ def test_truncated_or_damaged_bytes_are_refused_or_a_message(data):
             assert msgspec.convert(msgspec.to_builtins(read, builtin_types=(bytes,)), kind) == read
 
 
-@pytest.mark.parametrize(
-    ("kind", "before"),
-    [
-        (m.String, b""),
-        (m.JointState, HEADER_BYTES[4:] + bytes(3)),
-        (m.DiagnosticArray, HEADER_BYTES[4:] + bytes(3)),
-        (m.Image, bytes(12) + b"\x01" + bytes(28)),
-    ],
-)
-def test_a_length_beyond_the_payload_takes_no_memory(kind, before):
-    payload = cdr.HEADER + before + b"\xff" * 4 + b"\x01" * 100
+def test_a_length_beyond_the_payload_takes_no_memory():
+    payload = cdr.HEADER + bytes(12) + b"\x01" + bytes(28) + b"\xff" * 4 + b"\x01" * 100
     tracemalloc.start()
     try:
         with pytest.raises(RefusedError):
-            cdr.decode(payload, kind)
+            cdr.decode(payload, m.Image)
         assert tracemalloc.get_traced_memory()[1] < 1 << 20  # generating the function included
     finally:
         tracemalloc.stop()
@@ -110,41 +72,37 @@ def test_a_length_beyond_the_payload_takes_no_memory(kind, before):
     ("payload", "kind"),
     [
         (b"\x00\x03\x00\x00" + bytes(24), m.Vector3),  # another encoding
-        *((cdr.HEADER + struct.pack("<3d", 1.0, float(number), 2.0), m.Vector3)
-          for number in ("nan", "-inf", "1.7976931348623157e308")),
+        (cdr.HEADER + struct.pack("<3d", 1.0, math.nan, 2.0), m.Vector3),
+        (cdr.HEADER + struct.pack("<3d", 1.0, -math.inf, 2.0), m.Vector3),
         (cdr.encode(m.Time(0, 10**9)), m.Time),
         (cdr.encode(m.DiagnosticStatus(level=4)), m.DiagnosticStatus),
     ],
-)  # fmt: skip
+)
 def test_values_beyond_their_bounds_are_refused(payload, kind):
     with pytest.raises(RefusedError, match=kind.ROS_TYPE):
         cdr.decode(payload, kind)
 
 
-@pytest.mark.parametrize(
-    "message", [m.Time(2**31), m.SimState(seed=-1), m.CameraInfo(k=(1.0,)), m.String("\ud800")]
-)
+@pytest.mark.parametrize("message", [m.Time(2**31), m.CameraInfo(k=(1.0,)), m.String("\ud800")])
 def test_values_that_do_not_fit_are_not_written(message):
     with pytest.raises(RefusedError, match=f"no {message.ROS_TYPE} in CDR"):
         cdr.encode(message)
 
 
-@pytest.mark.parametrize(
-    ("name", "known"),
-    [
-        # as in the logs of ROS 2 Jazzy: the first half
-        ("geometry_msgs/msg/Twist", "9c45bf16fe0983d80e3cfe750d683584"),
-        ("diagnostic_msgs/msg/DiagnosticArray", "5a8a36efb05fb25070fa0fb3810290c0"),
-        ("std_srvs/srv/Trigger", "eeff2cd6fa5ad9d27cdf4dec64818317"),
-    ],
-)
-def test_the_hash_of_a_type_is_that_of_ros_logs(name, known):
-    assert type_hash(name).startswith(f"RIHS01_{known}")
+def test_hashes_are_those_of_ros():
+    # as in the logs of ROS 2 Jazzy: the first half
+    twist, trigger = type_hash("geometry_msgs/msg/Twist"), type_hash("std_srvs/srv/Trigger")
+    assert twist.startswith("RIHS01_9c45bf16fe0983d80e3cfe750d683584")
+    assert trigger.startswith("RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317")
+    for service in OF_NODE:  # as in ros2_pyterfaces
+        short = service.kind.rpartition("/")[2]
+        assert type_hash(service.kind) == core.hash_rihs01(getattr(srv, short))
 
 
-@pytest.mark.parametrize("service", OF_NODE, ids=lambda service: service.name)
-def test_services_for_parameters_have_the_hashes_of_ros2_pyterfaces(service):
-    assert type_hash(service.kind) == core.hash_rihs01(getattr(srv, service.kind.split("/")[2]))
+def kind_of(annotation):
+    kind = msgspec.defstruct("Kind", [("field", annotation)], bases=(Message,), frozen=True)
+    kind.ROS_TYPE = f"test_msgs/msg/Kind{abs(hash(str(annotation)))}"
+    return kind
 
 
 @pytest.mark.parametrize(
@@ -162,22 +120,19 @@ def test_services_for_parameters_have_the_hashes_of_ros2_pyterfaces(service):
     ],
 )
 def test_a_field_has_the_narrowest_type_that_holds_its_bounds(annotation, ros):
-    kind = msgspec.defstruct("Kind", [("field", annotation)], bases=(Message,), frozen=True)
-    kind.ROS_TYPE = f"test_msgs/msg/Kind{abs(hash(ros))}"
-    assert definition(kind).startswith(f"{ros} field\n")
+    assert definition(kind_of(annotation)).startswith(f"{ros} field\n")
 
 
 @pytest.mark.parametrize(
     "annotation", [dict[str, int], tuple[tuple[int, ...], ...], str | None, tuple[m.UInt8, ...]]
 )
 def test_an_annotation_without_a_ros_type_is_an_error(annotation):
-    kind = msgspec.defstruct("Kind", [("odd", annotation)], bases=(Message,), frozen=True)
-    kind.ROS_TYPE = "my_msgs/msg/Kind"
-    with pytest.raises(RosTypeError, match="my_msgs/msg/Kind: odd: ROS has no type for"):
-        cdr.encode(kind(odd={}))
+    kind = kind_of(annotation)
+    with pytest.raises(RosTypeError, match=r"test_msgs/msg/Kind\d+: field: ROS has no type for"):
+        cdr.encode(kind(field={}))
     kind.ROS_TYPE = m.Time.ROS_TYPE
     with pytest.raises(RosTypeError, match="builtin_interfaces/msg/Time: another message of this"):
-        cdr.encode(kind(odd={}))
+        cdr.encode(kind(field={}))
 
 
 def test_the_package_has_a_file_for_each_message_of_a_topic():
@@ -186,8 +141,3 @@ def test_the_package_has_a_file_for_each_message_of_a_topic():
     assert files[PACKAGE / "msg" / "NamedPose.msg"] == (
         "# Name and true pose of a robot.\n\nstring name\ngeometry_msgs/Pose pose\n"
     )
-    # the build declares each package that a message needs
-    needed = {line.split("/")[0] for text in files.values() for line in text.split("\n")
-              if "/" in line.split(" ")[0]} - {PACKAGE.name}  # fmt: skip
-    for file in ("CMakeLists.txt", "package.xml"):
-        assert all(package in (PACKAGE / file).read_text() for package in needed)

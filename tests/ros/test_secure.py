@@ -1,4 +1,4 @@
-"""With certificates the operator alone drives from ROS; others only look on."""
+"""With certificates only the operator drives from ROS; all other clients look on."""
 
 import struct
 
@@ -11,7 +11,6 @@ from ros import grammar
 
 TWIST = b"\x00\x01\x00\x00" + struct.pack("<6d", -0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
 EMPTY = b"\x00\x01\x00\x00\x00"
-KINDS = {"NN", "MP", "MS", "SS"}
 SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 
 
@@ -51,8 +50,8 @@ def prefix(running):
 
 
 def test_a_viewer_sees_what_is_published(node_of):
-    viewer = node_of("viewer")
-    viewer.wait(lambda: {grammar.token(token).kind for token in viewer.live} == KINDS)
+    viewer, kinds = node_of("viewer"), {"NN", "MP", "MS", "SS"}
+    viewer.wait(lambda: {grammar.token(token).kind for token in viewer.live} == kinds)
     samples = viewer.subscribe("0/**")
     viewer.wait(lambda: any("Odometry" in sample.key for sample in samples))
     latched = viewer.subscribe(viewer.key_of("MP", "/tf_static"), latched=True)
@@ -62,12 +61,7 @@ def test_a_viewer_sees_what_is_published(node_of):
 def test_the_operator_drives(running, node_of, prefix, commands):
     operator = node_of("operator")
     key = operator.key_of("MS", f"{prefix}/cmd_vel", "/Twist")
-
-    def is_received() -> bool:
-        operator.put(key, TWIST)
-        return bool(commands)
-
-    running.wait(is_received)
+    running.wait(lambda: operator.put(key, TWIST) or commands)
     assert commands[0].linear.x == -0.2
     assert operator.call(operator.key_of("SS", f"{prefix}/sim/pause"), EMPTY)
     assert running.bus.call(keys.SIM_STATE, Empty()).paused
