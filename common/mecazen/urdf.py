@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from mecazen.arrays import quaternions_of_rpy, turn
 from mecazen.bus import Bus
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.keys import ROBOT_DESCRIPTION, call_of_robot
@@ -265,7 +267,7 @@ def _joint(element: ET.Element) -> Joint:
         kind=element.get("type", ""),
         parent=_child(element, "parent").get("link", ""),
         child=_child(element, "child").get("link", ""),
-        origin=read_origin(element),
+        origin=_read_origin(element),
         axis=None if axis is None else _vector(axis, "xyz", "1 0 0"),
     )
 
@@ -281,10 +283,10 @@ def _visual(visual: ET.Element, colours: Mapping[str | None, tuple[float, ...]])
     size = _floats(" ".join(shape.get(name, "") for name in names), count)
     material = visual.find("material")
     rgba = colours.get(None if material is None else material.get("name"), GREY)
-    return Visual(shape.tag, size, shape.get("filename", ""), read_origin(visual), rgba)
+    return Visual(shape.tag, size, shape.get("filename", ""), _read_origin(visual), rgba)
 
 
-def read_origin(element: ET.Element) -> Origin:
+def _read_origin(element: ET.Element) -> Origin:
     """Return the origin of an element; by default it is the frame of the parent."""
     origin = element.find("origin")
     return Origin() if origin is None else Origin(_vector(origin, "xyz"), _vector(origin, "rpy"))
@@ -311,3 +313,37 @@ def _floats(text: str, count: int) -> tuple[float, ...]:
     if len(numbers) != count:
         raise RefusedError(f"{text!r:.80} must be {count} numbers")
     return numbers
+
+
+def portable_urdf(urdf: str, meshes: Mapping[str, bytes]) -> str:
+    """Return a URDF with cylinders in place of some meshes, STL of bodies about z as rollers are.
+
+    ROS fetches no file from Zenoh, and a `package://` opens only where that package is installed.
+    """
+    root = ET.fromstring(urdf)  # noqa: S314 - of our own making, or of a world of the user's own
+    for link in root.iterfind("link"):
+        for part in [*link.iterfind("visual"), *link.iterfind("collision")]:
+            mesh = part.find("geometry/mesh")
+            stl = None if mesh is None else meshes.get(mesh.get("filename", ""))
+            if stl is not None:
+                link.remove(part)
+                link.extend(_cylinders(part, stl))
+    return ET.tostring(root, encoding="unicode", xml_declaration=True)
+
+
+def _cylinders(part: ET.Element, stl: bytes) -> Iterator[ET.Element]:
+    """Yield five copies of a link's part, with cylinders that enclose its mesh."""
+    facets = np.frombuffer(stl[84:], dtype=[("corners", "<f4", (4, 3)), ("", "<u2")])
+    corners = facets["corners"][:, 1:].astype(float)  # after the normal
+    radii = np.hypot(corners[..., 0], corners[..., 1]).max(axis=1)
+    lowest, highest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    origin = _read_origin(part)
+    for low, high in pairwise(np.linspace(lowest.min(), highest.max(), 6)):
+        xyz = origin.xyz + turn(quaternions_of_rpy(origin.rpy), (0.0, 0.0, (low + high) / 2))
+        radius = radii[(lowest <= high) & (highest >= low)].max(initial=0.0)
+        copied = ET.Element(part.tag)
+        ET.SubElement(copied, "origin", {"xyz": _numbers(*xyz), "rpy": _numbers(*origin.rpy)})
+        size = {"radius": _numbers(radius), "length": _numbers(high - low)}
+        ET.SubElement(ET.SubElement(copied, "geometry"), "cylinder", size)
+        copied.extend(part.findall("material"))
+        yield copied

@@ -67,7 +67,6 @@ def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
 
 
 def _fields_of(payload: bytes, kind: type[Message]) -> dict[str, Any]:
-    """Return the fields of a message as in JSON."""
     try:
         fields: dict[str, Any] = STORE.deserialize_cdr(payload, registered(kind))
     except SerdeError:

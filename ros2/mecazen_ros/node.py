@@ -28,7 +28,7 @@ from mecazen.messages import Message, String
 from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.row import Row
-from mecazen.urdf import ask_description
+from mecazen.urdf import ask_description, portable_urdf
 from mecazen.wire import Stamp
 
 from mecazen_ros import cdr, protocol, services, topics
@@ -128,11 +128,9 @@ class RosNode:
         self._publish(Row(name), keys.diagnostics(name), robot, self._namespace)
 
     def _within(self, robot: str) -> str:
-        """Return the namespace of one of several robots; the node's own if the name is empty."""
         return join_key(robot, self._namespace) if robot else self._namespace
 
     def _add(self, row: Row, graph: Graph, robot: str, namespace: str) -> None:
-        """Declare the description and the subscriptions of a row for one robot."""
         if keys.ROBOT_DESCRIPTION in row.calls:
             self._describe(robot, namespace)
         for topic in (row_input.topic for row_input in row.inputs):
@@ -142,7 +140,6 @@ class RosNode:
                     self._subscribe(of_robot(topic, robot), robot, ros_topic, namespace)
 
     def _key_of(self, topic: Topic[Any], robot: str) -> str:
-        """Return the key of a robot's topic within the robot's namespace."""
         key = self._bus.key_of(of_robot(topic, robot))
         return key.removeprefix(f"{robot}/") if robot else key
 
@@ -150,7 +147,7 @@ class RosNode:
         """Publish the robot's shapes and fixed frames, also for late subscribers."""
         urdf, meshes = ask_description(self._bus, robot, DESCRIPTION_TIMEOUT_S)
         frames = topics.fixed_frames(urdf, join_key("", namespace))
-        messages = String(data=topics.portable_urdf(urdf, meshes)), frames
+        messages = String(data=portable_urdf(urdf, meshes)), frames
         for (name, kind), message in zip(topics.DESCRIBED.items(), messages, strict=True):
             full = full_name(name, namespace)
             key, gid = self._declare("MP", full, self._ros.type(kind.ROS_TYPE), topics.LATCHED)

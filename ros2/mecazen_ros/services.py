@@ -101,6 +101,10 @@ class QueryReply(Reply[Any]):
         self._respond(self._service.respond(FAILED, reason))
 
 
+def _same(call: Call[Any, Any]) -> Callable[[Any], Query]:
+    return lambda _: (call, call.request())
+
+
 def _reset(request: Any) -> Query:
     if request.scope not in (0, 255):  # by default, and all
         raise RefusedError("only all of it can be reset: scope 0 or 255")
@@ -113,10 +117,6 @@ def _step(request: Any) -> Query:
     return keys.SIM_STEP, m.StepRequest(ticks=request.steps)
 
 
-def _get_state(_: Any) -> Query:
-    return keys.SIM_STATE, m.Empty()
-
-
 def _set_state(request: Any) -> Query:
     calls = {PLAYING: keys.SIM_RESUME, PAUSED: keys.SIM_PAUSE}
     if request.state.state not in calls:
@@ -127,11 +127,11 @@ def _set_state(request: Any) -> Query:
 TRIGGERS = keys.SIM_RESET, keys.SIM_PAUSE, keys.SIM_RESUME, keys.STOP_MOTORS, keys.RELEASE_MOTORS
 INTERFACES = "simulation_interfaces"
 OF_SIMULATION = (
-    *(RosService(c.key, "std_srvs", c, lambda _, c=c: (c, c.request())) for c in TRIGGERS),
+    *(RosService(call.key, "std_srvs", call, _same(call)) for call in TRIGGERS),
     RosService("reset_simulation", INTERFACES, keys.SIM_RESET, _reset),
     RosService("step_simulation", INTERFACES, keys.SIM_STEP, _step),
     RosService("set_simulation_state", INTERFACES, keys.SIM_PAUSE, _set_state),
-    RosService("get_simulation_state", INTERFACES, keys.SIM_STATE, _get_state),
+    RosService("get_simulation_state", INTERFACES, keys.SIM_STATE, _same(keys.SIM_STATE)),
 )
 
 
@@ -171,7 +171,6 @@ class NodeParameters:
         return {"result": self._set(request.parameters)}
 
     def _descriptors(self) -> dict[str, m.ParameterDescriptor]:
-        """Return the parameters by their names in the node."""
         parameters = self._ask(keys.GET_PARAMETERS, m.ParameterNames()).parameters
         return {USE_SIM_TIME: SIM_TIME} | {
             parameter.name.removeprefix(prefix): parameter

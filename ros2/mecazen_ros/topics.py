@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
-from itertools import pairwise
 from typing import Any, NamedTuple
-from xml.etree import ElementTree as ET
 
 import msgspec
-import numpy as np
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.arrays import quaternions_of_rpy, turn
+from mecazen.arrays import quaternions_of_rpy
 from mecazen.keys import Topic
 from mecazen.messages import Message
 from mecazen.robots import join_key
 from mecazen.row import Row
-from mecazen.urdf import read, read_origin
+from mecazen.urdf import read
 
 from mecazen_ros.types import message
 
@@ -192,41 +189,3 @@ def fixed_frames(urdf: str, prefix: str) -> Any:
             transform = Transform(m.Vector3(*joint.origin.xyz), rotation)
             frames.append(TransformStamped(m.Header(frame_id=joint.parent), joint.child, transform))
     return prefixed(TFMessage(tuple(frames)), prefix)
-
-
-def portable_urdf(urdf: str, meshes: Mapping[str, bytes]) -> str:
-    """Return a URDF with cylinders in place of some meshes, STL of bodies about z as rollers are.
-
-    ROS fetches no file from Zenoh, and a `package://` opens only where that package is installed.
-    """
-    root = ET.fromstring(urdf)  # noqa: S314 - of our own making, or of a world of the user's own
-    for link in root.iterfind("link"):
-        for part in [*link.iterfind("visual"), *link.iterfind("collision")]:
-            mesh = part.find("geometry/mesh")
-            stl = None if mesh is None else meshes.get(mesh.get("filename", ""))
-            if stl is not None:
-                link.remove(part)
-                link.extend(_cylinders(part, stl))
-    return ET.tostring(root, encoding="unicode", xml_declaration=True)
-
-
-def _cylinders(part: ET.Element, stl: bytes) -> Iterator[ET.Element]:
-    """Yield five copies of a link's part, with cylinders that enclose its mesh."""
-    facets = np.frombuffer(stl[84:], dtype=[("corners", "<f4", (4, 3)), ("", "<u2")])
-    corners = facets["corners"][:, 1:].astype(float)  # after the normal
-    radii = np.hypot(corners[..., 0], corners[..., 1]).max(axis=1)
-    lowest, highest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
-    origin = read_origin(part)
-    for low, high in pairwise(np.linspace(lowest.min(), highest.max(), 6)):
-        xyz = origin.xyz + turn(quaternions_of_rpy(origin.rpy), (0.0, 0.0, (low + high) / 2))
-        radius = radii[(lowest <= high) & (highest >= low)].max(initial=0.0)
-        copied = ET.Element(part.tag)
-        ET.SubElement(copied, "origin", {"xyz": _text(*xyz), "rpy": _text(*origin.rpy)})
-        size = {"radius": _text(radius), "length": _text(high - low)}
-        ET.SubElement(ET.SubElement(copied, "geometry"), "cylinder", size)
-        copied.extend(part.findall("material"))
-        yield copied
-
-
-def _text(*values: float) -> str:
-    return " ".join(f"{value:.9g}" for value in values)

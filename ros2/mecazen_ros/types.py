@@ -114,7 +114,6 @@ def message(name: str) -> Any:
 
 
 def _annotation(shape: Shape) -> tuple[Any, Any]:
-    """Return the annotation and the default of a type."""
     node, detail = shape
     if node == Nodetype.NAME:
         return message(detail), message(detail)()
@@ -167,7 +166,6 @@ def _shape(node: mi.Type) -> Shape:
 
 
 def _base(node: mi.Type) -> str:
-    """Return the name of a number's or a text's type."""
     if isinstance(node, mi.IntType):
         low = node.ge if node.ge is not None else -np.inf if node.gt is None else node.gt + 1
         high = node.le if node.le is not None else np.inf if node.lt is None else node.lt - 1

@@ -1,6 +1,7 @@
 """The robot's description: built, served and read; what is no URDF is refused with the reason."""
 
 from itertools import pairwise
+from xml.etree import ElementTree as ET
 
 import pytest
 from harness import load_robot
@@ -9,7 +10,7 @@ from mecazen.errors import BusError, ConfigError, RefusedError
 from mecazen.messages import Empty
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.urdf import RobotDescription, ask_description, build_urdf, serve_description
-from viewer.toy import URDF
+from viewer.toy import URDF, stl
 
 TENFOLD = [f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghi")]
 BOMB = f'<!DOCTYPE r [<!ENTITY a "{"x" * 1000}">{"".join(TENFOLD)}]><robot name="&i;"/>'
@@ -42,6 +43,27 @@ def test_each_robots_description_is_served(bus):
         ask_description(bus, "", 1.0)
     call = keys.call_of_robot(keys.ROBOT_DESCRIPTION, "two")
     assert bus.call(call, Empty()).data == "<robot two>"
+
+
+def test_cylinders_take_the_place_of_meshes():
+    text = """<robot name="r"><link name="wheel">
+      <visual><origin xyz="0 0 1" rpy="1.5707963267948966 0 0"/>
+        <geometry><mesh filename="m.stl"/></geometry><material name="black"/></visual>
+      <visual><geometry><mesh filename="package://other/m.stl"/></geometry></visual>
+    </link></robot>"""
+    # facets at the lower end, in the middle, and from there to the upper end
+    lower, middle, upper = (0.0, 0.3, -0.5), (0.4, 0.0, 0.0), (0.0, -0.2, 0.5)
+    mesh = stl((lower,) * 3, (middle,) * 3, (middle, upper, middle))
+    robot = ET.fromstring(urdf.portable_urdf(text, {"m.stl": mesh}))  # noqa: S314
+    assert [mesh.get("filename") for mesh in robot.iter("mesh")] == ["package://other/m.stl"]
+    _, *parts = robot.findall("link/visual")
+    radii = [float(part.find("geometry/cylinder").get("radius")) for part in parts]
+    assert radii == pytest.approx([0.3, 0.0, 0.4, 0.4, 0.4], abs=1e-6)
+    assert {part.find("geometry/cylinder").get("length") for part in parts} == {"0.2"}
+    # z of the mesh is -y of the link by the quarter turn about x
+    center = [float(value) for value in parts[0].find("origin").get("xyz").split()]
+    assert center == pytest.approx([0.0, 0.4, 1.0])
+    assert parts[0].find("material").get("name") == "black"
 
 
 @pytest.mark.parametrize(

@@ -1,36 +1,20 @@
 """How topics look in ROS, against values that are known by hand."""
 
 import math
-import struct
-from xml.etree import ElementTree as ET
 
 import pytest
+from harness import load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.graph import NODES
+from mecazen.urdf import build_urdf
 from mecazen_ros import protocol
 from mecazen_ros.cdr import decode, encode
-from mecazen_ros.topics import fixed_frames, full_name, portable_urdf, publications, subscriptions
+from mecazen_ros.topics import fixed_frames, full_name, publications, subscriptions
+from msgspec.structs import replace
 
 POSE = m.PoseWithCovariance(m.Pose(m.Point(1.0, 2.0)))
 ODOMETRY = m.Odometry(m.Header(m.Time(3), "odom"), "base_link", POSE)
-URDF = """<robot name="r">
-  <link name="base_link"/>
-  <link name="wheel">
-    <visual>
-      <origin xyz="0 0 1" rpy="1.5707963267948966 0 0"/>
-      <geometry><mesh filename="m.stl"/></geometry>
-      <material name="black"/>
-    </visual>
-    <visual><geometry><mesh filename="package://other/m.stl"/></geometry></visual>
-  </link>
-  <link name="camera"/>
-  <joint name="turning" type="continuous"><parent link="base_link"/><child link="wheel"/></joint>
-  <joint name="fixed" type="fixed">
-    <parent link="base_link"/><child link="camera"/>
-    <origin xyz="0.1 0 0.2" rpy="-1.5707963267948966 0 -1.5707963267948966"/>
-  </joint>
-</robot>"""
 
 
 def shown(topic, message, namespace="", **options):
@@ -106,28 +90,18 @@ def test_a_scan_follows_rep_117_in_both_directions():
     assert decode(payload, m.LaserScan).ranges == (0.0, 13.0, 0.0625, 0.0625, 0.5, 12.0, 40.0)
 
 
-def test_fixed_links_are_frames_and_meshes_cylinders():
-    (frame,) = fixed_frames(URDF, "r/").transforms
-    assert (frame.header.frame_id, frame.child_frame_id) == ("r/base_link", "r/camera")
-    # an optical frame: the quaternion that REP-103's users write by hand
-    q = frame.transform.rotation
+def test_fixed_links_are_frames():
+    robot = load_robot()
+    level = replace(robot, camera=replace(robot.camera, pitch_deg=0.0))
+    transforms = fixed_frames(build_urdf(level), "r/").transforms
+    frames = {frame.child_frame_id: frame for frame in transforms}
+    assert frames.keys() == {"r/camera_link", "r/lidar_link", "r/camera_depth_optical_frame"}
+    optical = frames["r/camera_depth_optical_frame"]
+    assert optical.header.frame_id == "r/camera_link"
+    # the quaternion that REP-103's users write by hand
+    q = optical.transform.rotation
     assert (q.x, q.y, q.z, q.w) == pytest.approx((-0.5, 0.5, -0.5, 0.5))
-    assert frame.transform.translation == m.Vector3(0.1, 0.0, 0.2)
-    # facets at the lower end, in the middle, and from there to the upper end
-    end, middle, other = (0.0, 0.3, -0.5), (0.4, 0.0, 0.0), (0.0, -0.2, 0.5)
-    facets = (end, end, end), (middle, middle, middle), (middle, other, middle)
-    stl = b"".join(struct.pack("<12fH", 0, 0, 0, *a, *b, *c, 0) for a, b, c in facets)
-    robot = ET.fromstring(portable_urdf(URDF, {"m.stl": bytes(84) + stl}))  # noqa: S314
-    assert [mesh.get("filename") for mesh in robot.iter("mesh")] == ["package://other/m.stl"]
-    _, *parts = robot.findall("link/visual")
-    cylinders = [part.find("geometry/cylinder") for part in parts]
-    radii = [float(cylinder.get("radius")) for cylinder in cylinders]
-    assert radii == pytest.approx([0.3, 0.0, 0.4, 0.4, 0.4], abs=1e-6)
-    assert {cylinder.get("length") for cylinder in cylinders} == {"0.2"}
-    # z of the mesh is -y of the link by the quarter turn about x
-    center = [float(value) for value in parts[0].find("origin").get("xyz").split()]
-    assert center == pytest.approx([0.0, 0.4, 1.0])
-    assert parts[0].find("material").get("name") == "black"
+    assert frames["r/lidar_link"].transform.translation.z > 0.0
 
 
 def test_rules_of_access_name_keys_in_ros():
