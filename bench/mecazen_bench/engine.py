@@ -12,7 +12,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from mecazen.geometry import Twist2D
-from mecazen.links import Link, base_link, lump, robot_links
+from mecazen.links import RobotLink, base_link, lump, robot_links
 from mecazen.robot import WHEELS, Robot
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen_physics.bodies import GRAVITY
@@ -85,7 +85,7 @@ class PlanarInertia(NamedTuple):
         links = [base_link(robot), *robot_links(robot)]
         places = {"": (0.0, 0.0, 0.0)} | {link.name: link.translation for link in links}
 
-        def in_base(link: Link) -> Link:
+        def in_base(link: RobotLink) -> RobotLink:
             x, y, z = np.add(places[link.parent], link.translation).tolist()
             return replace(link, translation=(x, y, z))
 

@@ -15,7 +15,7 @@ from mecazen.rollers import Roller
 
 
 @dataclass(frozen=True)
-class Link:
+class RobotLink:
     """A rigid body and the joint that connects it to its parent.
 
     The joint's frame is the link's frame; `translation` (3,) [m] and `rotation` (3, 3) place it in
@@ -40,17 +40,19 @@ def hub_radius(robot: Robot) -> float:
     return robot.wheels.radius_m - 2.0 * robot.rollers.max_radius_m
 
 
-def base_link(robot: Robot) -> Link:
+def base_link(robot: Robot) -> RobotLink:
     """Return base_link, the root; it has no parent."""
     box = robot.base
     centre = (0.0, 0.0, box.clearance_m + box.height_m / 2)
     moments = _box(box.mass_kg, box.length_m, box.width_m, box.height_m)
     identity = np.eye(3)
-    return Link("base_link", "", "", (0.0, 0.0, 0.0), identity, None, box.mass_kg, moments, centre)
+    return RobotLink(
+        "base_link", "", "", (0.0, 0.0, 0.0), identity, None, box.mass_kg, moments, centre
+    )
 
 
 @lru_cache
-def robot_links(robot: Robot) -> tuple[Link, ...]:
+def robot_links(robot: Robot) -> tuple[RobotLink, ...]:
     """Return all links but the base: wheels, rollers, then camera, lidar and payload.
 
     Wheels and rollers come in the order of the joint states.
@@ -74,7 +76,7 @@ def robot_links(robot: Robot) -> tuple[Link, ...]:
     return (*wheels, *rollers, *fixed)
 
 
-def lump(parts: Sequence[Link]) -> tuple[float, Floats, Floats]:
+def lump(parts: Sequence[RobotLink]) -> tuple[float, Floats, Floats]:
     """Return mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²] of `parts`.
 
     The result is in the frame in which the parts are placed, by the parallel axis theorem.
@@ -97,10 +99,10 @@ def lump(parts: Sequence[Link]) -> tuple[float, Floats, Floats]:
     return mass, centre, inertia
 
 
-def _wheel(robot: Robot, wheel: str) -> Link:
+def _wheel(robot: Robot, wheel: str) -> RobotLink:
     mass = robot.wheels.hub_mass_kg
     across, along = _cylinder(mass, hub_radius(robot), robot.wheels.hub_width_m)
-    return Link(
+    return RobotLink(
         name=f"{wheel}_wheel",
         parent="base_link",
         joint=robot.wheels.joints[WHEELS.index(wheel)],
@@ -112,7 +114,7 @@ def _wheel(robot: Robot, wheel: str) -> Link:
     )
 
 
-def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
+def _roller(roller: Roller, wheel: str, side: float, index: int) -> RobotLink:
     """Return roller `index` of `wheel`: index 0 is at the bottom, the next ones follow about +y.
 
     On the ground the axes of rollers with `side` -1 point forward and right, those with +1 forward
@@ -124,7 +126,7 @@ def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
     turn = _about_y(2.0 * np.pi * index / roller.count)
     a, b, c = product(turn, (0.0, 0.0, -roller.axis_distance)).tolist()
     across, along = roller.inertia
-    return Link(
+    return RobotLink(
         name=f"{wheel}_roller_{index:02d}",
         parent=f"{wheel}_wheel",
         joint=roller_joint(wheel, index),
@@ -136,10 +138,12 @@ def _roller(roller: Roller, wheel: str, side: float, index: int) -> Link:
     )
 
 
-def _attachment(name: str, part: Attachment | Payload, moments: tuple[float, float, float]) -> Link:
+def _attachment(
+    name: str, part: Attachment | Payload, moments: tuple[float, float, float]
+) -> RobotLink:
     link, joint = f"{name}_link", f"{name}_joint"
     place = part.position_m
-    return Link(link, "base_link", joint, place, np.eye(3), None, part.mass_kg, moments)
+    return RobotLink(link, "base_link", joint, place, np.eye(3), None, part.mass_kg, moments)
 
 
 def _about_y(angle: float) -> Floats:

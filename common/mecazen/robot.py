@@ -55,7 +55,7 @@ class Wheels(Section):
             raise ValueError(f"wheels.joints must be four different names: {self.joints}")
 
 
-class Motors(Section):
+class RealMotors(Section):
     """The behaviour of real motors: how the wheels follow their commands.
 
     A command passes the delay, the dead band, the gain and the supply, and then the lag.
@@ -107,7 +107,7 @@ class Attachment(Section):
     mass_kg: Mass
 
 
-class Camera(Attachment):
+class CameraMount(Attachment):
     """A camera; the optical centre is the centre of the housing, which stays level."""
 
     pitch_deg: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0
@@ -140,10 +140,10 @@ class Robot(Section):
     base: Base
     wheels: Wheels
     rollers: Rollers
-    camera: Camera
+    camera: CameraMount
     lidar: Attachment
     payload: Payload | None = None
-    motors: Motors | None = None
+    motors: RealMotors | None = None
     """None: ideal motors, which follow their commands at once."""
 
     def __post_init__(self) -> None:

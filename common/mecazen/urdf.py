@@ -15,7 +15,7 @@ from mecazen.arrays import quaternions_of_rpy, turn
 from mecazen.bus import Bus
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.keys import ROBOT_DESCRIPTION, call_of_robot
-from mecazen.links import Link, base_link, hub_radius, robot_links
+from mecazen.links import RobotLink, base_link, hub_radius, robot_links
 from mecazen.messages import Empty, String
 from mecazen.portable import Floats
 from mecazen.robot import Robot
@@ -126,7 +126,7 @@ def build_urdf(robot: Robot, base_frame: str = "base_link") -> str:
 
 def _add_link(
     root: ET.Element,
-    link: Link,
+    link: RobotLink,
     shape: Shape,
     material: str,
     *,
@@ -157,7 +157,7 @@ def _add_joint(
     return joint
 
 
-def _add_moving_joint(root: ET.Element, link: Link, robot: Robot) -> None:
+def _add_moving_joint(root: ET.Element, link: RobotLink, robot: Robot) -> None:
     kind = "fixed" if link.axis is None else "continuous"
     joint = _add_joint(root, link.joint, link.parent, link.name, kind)
     angles = _roll_pitch_yaw(link.rotation)

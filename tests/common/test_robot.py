@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 from harness import load_robot
-from mecazen.robot import Camera, Payload, roller_joint
+from mecazen.robot import CameraMount, Payload, roller_joint
 from msgspec.structs import replace
 
 
@@ -16,7 +16,7 @@ def robot():
     wheels = replace(robot.wheels, wheelbase_m=0.4, track_m=0.3, radius_m=0.05, hub_width_m=0.04)
     base = replace(robot.base, length_m=0.3, width_m=0.2, height_m=0.1, clearance_m=0.04)
     rollers = replace(robot.rollers, count=4, max_radius_m=0.02)
-    camera = Camera(size_m=(0.1, 0.1, 0.06), position_m=(0.0, 0.0, 0.2), mass_kg=0.1)
+    camera = CameraMount(size_m=(0.1, 0.1, 0.06), position_m=(0.0, 0.0, 0.2), mass_kg=0.1)
     lidar = replace(robot.lidar, position_m=(0.0, 0.0, 0.15), size_m=(0.03, 0.04))
     parts = {"wheels": wheels, "base": base, "rollers": rollers, "camera": camera}
     return replace(robot, **parts, lidar=lidar, payload=None)
@@ -72,4 +72,4 @@ def test_a_camera_looks_up_and_to_the_left_by_positive_angles(robot):
     assert left[1] == pytest.approx((-1.0, 0.0, 0.0))
     beyond = {"size_m": [0.02, 0.09, 0.02], "position_m": [0.1, 0.0, 0.2], "mass_kg": 0.1}
     with pytest.raises(msgspec.ValidationError):
-        msgspec.convert({**beyond, "pitch_deg": 91.0}, Camera)
+        msgspec.convert({**beyond, "pitch_deg": 91.0}, CameraMount)

@@ -11,7 +11,7 @@ import pytest
 from mecazen.config import ControllerConfig
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario, scenario_path
-from mecazen.robot import WHEELS, Motors
+from mecazen.robot import WHEELS, RealMotors
 from mecazen_experiments.identify.commands import identify as identify_command
 from mecazen_experiments.identify.commands import read, write_plan
 from mecazen_experiments.identify.motors import (
@@ -35,7 +35,7 @@ def planted(seed):
     """Return motors of a hidden robot."""
     random = np.random.default_rng(seed)
     gains = random.uniform(0.98, 1.02, 4).tolist()
-    return Motors(
+    return RealMotors(
         delay_s=random.uniform(0.005, 0.06),
         time_constant_s=random.uniform(0.03, 0.12),
         dead_band_rad_s=random.uniform(0.2, 0.6),
@@ -89,7 +89,9 @@ def values_of(motors):
 
 
 def test_the_response_of_the_fit_is_that_of_the_simulation():
-    motors = Motors(delay_s=0.0234, time_constant_s=0.07, dead_band_rad_s=0.4, gains=(1, 2, 1, 1))
+    motors = RealMotors(
+        delay_s=0.0234, time_constant_s=0.07, dead_band_rad_s=0.4, gains=(1, 2, 1, 1)
+    )
     commands = np.random.default_rng(1).normal(0.0, 3.0, (200, 4)).cumsum(axis=0)
     log = MotorLog(TICK_S, commands, commands, None)
     ends, _ = response(values_of(motors), log)
@@ -97,7 +99,7 @@ def test_the_response_of_the_fit_is_that_of_the_simulation():
 
 
 def test_the_mean_speed_is_the_integral_of_the_response():
-    motors = Motors(delay_s=0.0234, time_constant_s=0.07)
+    motors = RealMotors(delay_s=0.0234, time_constant_s=0.07)
     commands = np.repeat(np.random.default_rng(1).normal(0.0, 3.0, (20, 4)), 100, axis=0)
     fine = MotorLog(TICK_S / 100, commands, commands, None)
     coarse = MotorLog(TICK_S, commands[::100], commands[::100], None)
@@ -108,7 +110,7 @@ def test_the_mean_speed_is_the_integral_of_the_response():
 
 
 def test_motors_without_efforts_have_neither_friction_nor_sag():
-    motors = Motors(delay_s=0.03, time_constant_s=0.08, dead_band_rad_s=0.3)
+    motors = RealMotors(delay_s=0.03, time_constant_s=0.08, dead_band_rad_s=0.3)
     commands = np.repeat(np.random.default_rng(1).normal(0.0, 3.0, (60, 4)), 20, axis=0)
     _, means = response(values_of(motors), MotorLog(TICK_S, commands, commands, None))
     found, lines = identify_motors([MotorLog(TICK_S, commands, means, None)])

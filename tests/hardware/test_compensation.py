@@ -3,12 +3,12 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.robot import Motors
+from mecazen.robot import RealMotors
 from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.compensation import compensated
 from mecazen_physics.motor_model import MotorModel
 
-MOTORS = Motors(dead_band_rad_s=1.5, gains=(1.1, 0.9, 1.0, 0.95))
+MOTORS = RealMotors(dead_band_rad_s=1.5, gains=(1.1, 0.9, 1.0, 0.95))
 STEP_S = 0.005
 
 

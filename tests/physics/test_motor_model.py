@@ -7,7 +7,7 @@ import pytest
 from harness import load_robot
 from mecazen.config import PhysicsConfig
 from mecazen.geometry import Pose2D
-from mecazen.robot import Motors
+from mecazen.robot import RealMotors
 from mecazen.wheels import WheelCommand
 from mecazen_physics.motor_model import MotorModel, friction
 from mecazen_physics.simulation import Simulation
@@ -24,23 +24,23 @@ def outputs(motors, steps, command=FAST, supplied=1.0):
 
 
 def test_motors_without_parameters_follow_at_once():
-    assert outputs(Motors(), 3) == [10.0] * 3
+    assert outputs(RealMotors(), 3) == [10.0] * 3
 
 
 def test_a_lag_follows_the_exponential_exactly():
-    found = outputs(Motors(time_constant_s=0.05), 20)
+    found = outputs(RealMotors(time_constant_s=0.05), 20)
     expected = [10.0 * (1.0 - math.exp(-DT * (k + 1) / 0.05)) for k in range(20)]
     assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_delay_within_a_step_shifts_the_response_exactly():
-    found = outputs(Motors(delay_s=0.0123, time_constant_s=0.05), 20)
+    found = outputs(RealMotors(delay_s=0.0123, time_constant_s=0.05), 20)
     expected = [10.0 * (1.0 - math.exp(-max(DT * (k + 1) - 0.0123, 0.0) / 0.05)) for k in range(20)]
     assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_delayed_command_does_not_overtake_the_one_before():
-    model = MotorModel(Motors(delay_s=0.01), DT)
+    model = MotorModel(RealMotors(delay_s=0.01), DT)
     found = []
     for speed in (1.0, 2.0, 3.0, 4.0, 4.0, 4.0):
         model.give((speed,) * 4)
@@ -49,14 +49,14 @@ def test_a_delayed_command_does_not_overtake_the_one_before():
 
 
 def test_the_dead_band_gain_and_supply_scale_what_is_left():
-    motors = Motors(dead_band_rad_s=0.5, gains=(1.1, 1.0, 1.0, 1.0))
+    motors = RealMotors(dead_band_rad_s=0.5, gains=(1.1, 1.0, 1.0, 1.0))
     assert outputs(motors, 1, (0.4,) * 4) == [0.0]
     assert outputs(motors, 1, (2.5,) * 4) == pytest.approx([2.2])
     assert outputs(motors, 1, (-2.5,) * 4, supplied=0.9) == pytest.approx([-1.98])
 
 
 def test_bounds_hold_all_outputs_until_the_next_command():
-    model = MotorModel(Motors(delay_s=0.02, time_constant_s=0.05), DT)
+    model = MotorModel(RealMotors(delay_s=0.02, time_constant_s=0.05), DT)
     for speed in (5.0, -3.0, 2.0):
         model.give((speed,) * 4)
         (low, high), *_ = model.bounds()
@@ -65,7 +65,7 @@ def test_bounds_hold_all_outputs_until_the_next_command():
 
 
 def test_friction_opposes_motion_and_vanishes_at_rest():
-    motors = Motors(coulomb_nm=0.1, viscous_nms=0.01)
+    motors = RealMotors(coulomb_nm=0.1, viscous_nms=0.01)
     assert friction(motors, 0.0) == 0.0
     assert friction(motors, 5.0) == pytest.approx(0.15)
     assert friction(motors, -5.0) == pytest.approx(-0.15)
@@ -85,7 +85,7 @@ def drive(real, command, seconds=1.0, **physics):
 
 
 def test_ideal_motors_by_configuration_are_those_of_a_robot_without_any():
-    real = Motors(delay_s=0.05, time_constant_s=0.1)
+    real = RealMotors(delay_s=0.05, time_constant_s=0.1)
     command = WheelCommand(FAST)
     without, ideal = drive(None, command), drive(real, command, motors="ideal")
     assert [s.position for s in without] == [s.position for s in ideal]
@@ -93,7 +93,7 @@ def test_ideal_motors_by_configuration_are_those_of_a_robot_without_any():
 
 
 def test_wheels_of_a_simulated_robot_follow_late_and_slowly():
-    states = drive(Motors(delay_s=0.03, time_constant_s=0.1), WheelCommand(FAST), 0.5)
+    states = drive(RealMotors(delay_s=0.03, time_constant_s=0.1), WheelCommand(FAST), 0.5)
     speeds = [state.joint_velocity[0] for state in states]
     expected = [10.0 * (1.0 - math.exp(-max(0.01 * (k + 1) - 0.03, 0.0) / 0.1)) for k in range(50)]
     assert speeds == pytest.approx(expected, abs=1e-6)  # DART's servo holds them
@@ -102,7 +102,7 @@ def test_wheels_of_a_simulated_robot_follow_late_and_slowly():
 def test_the_motors_effort_includes_friction():
     plain, rough = (
         drive(motors, WheelCommand(FAST))[-1].joint_effort
-        for motors in (Motors(), Motors(coulomb_nm=0.05, viscous_nms=0.002))
+        for motors in (RealMotors(), RealMotors(coulomb_nm=0.05, viscous_nms=0.002))
     )
     more = [r - p for r, p in zip(rough[:4], plain[:4], strict=True)]
     # 0.05 + 10·0.002; the load of the rollers is the same to 1 mN·m
@@ -112,7 +112,7 @@ def test_the_motors_effort_includes_friction():
 def test_friction_brakes_wheels_that_a_torque_drives():
     free, braked = (
         drive(motors, WheelCommand((0.1,) * 4, is_effort=True), 0.3)[-1].joint_velocity[0]
-        for motors in (Motors(), Motors(coulomb_nm=0.05))
+        for motors in (RealMotors(), RealMotors(coulomb_nm=0.05))
     )
     assert braked == pytest.approx(
         free / 2.0, rel=0.05
@@ -120,11 +120,13 @@ def test_friction_brakes_wheels_that_a_torque_drives():
 
 
 def test_a_pid_follows_the_motors_lag():
-    states = drive(Motors(time_constant_s=0.2), WheelCommand(FAST), 0.4, drive="effort", dt_s=0.001)
+    states = drive(
+        RealMotors(time_constant_s=0.2), WheelCommand(FAST), 0.4, drive="effort", dt_s=0.001
+    )
     assert states[19].joint_velocity[0] < 8.0
 
 
 def test_the_supply_sags_while_the_robot_accelerates():
-    slow = drive(Motors(time_constant_s=0.2, sag_per_nm=0.1), WheelCommand(FAST), 0.3)
-    firm = drive(Motors(time_constant_s=0.2), WheelCommand(FAST), 0.3)
+    slow = drive(RealMotors(time_constant_s=0.2, sag_per_nm=0.1), WheelCommand(FAST), 0.3)
+    firm = drive(RealMotors(time_constant_s=0.2), WheelCommand(FAST), 0.3)
     assert slow[15].joint_velocity[0] < firm[15].joint_velocity[0]

@@ -7,7 +7,7 @@ import pytest
 from mecazen.arrays import rotate
 from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
-from mecazen.robot import Camera as Mount
+from mecazen.robot import CameraMount
 from mecazen_sensors.camera import Camera
 from people import NEXUS
 
@@ -18,7 +18,7 @@ NEAR_M = 0.005
 
 def mounted(height, pitch_deg=0.0, yaw_deg=0.0):
     place = (0.0, 0.0, height)
-    return Mount(
+    return CameraMount(
         size_m=(0.02, 0.09, 0.02),
         position_m=place,
         mass_kg=0.1,

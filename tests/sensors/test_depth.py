@@ -9,13 +9,15 @@ from mecazen.config.sensors import DepthConfig
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
 from mecazen.messages import Image, Time
-from mecazen.robot import Camera
+from mecazen.robot import CameraMount
 from mecazen.wire import decode, encode
 from mecazen_sensors.depth import DepthCamera
 from mecazen_sensors.scene import Scene
 from people import HEIGHT, NEXUS, body
 
-MOUNT = Camera(size_m=(0.02, 0.09, 0.02), position_m=(0.1, 0.0, 0.5), mass_kg=0.1, pitch_deg=10.0)
+MOUNT = CameraMount(
+    size_m=(0.02, 0.09, 0.02), position_m=(0.1, 0.0, 0.5), mass_kg=0.1, pitch_deg=10.0
+)
 EXACT = {"noise_m": 0.0, "edge_probability": 0.0}
 HALF_MM = 0.5
 
@@ -54,7 +56,7 @@ def test_the_points_of_a_wall_and_the_ground_are_on_them():
 
 
 def test_a_level_picture_of_a_wall_has_one_depth_and_the_field_of_view_its_width():
-    mount = Camera(size_m=(0.02, 0.09, 0.02), position_m=(0.1, 0.0, 1.9), mass_kg=0.1)
+    mount = CameraMount(size_m=(0.02, 0.09, 0.02), position_m=(0.1, 0.0, 1.9), mass_kg=0.1)
     depths = picture(room(wall(2.1)), mount=mount, **EXACT)
     assert np.all(np.abs(depths - 2000.0) <= HALF_MM)
     edge = Box(size_m=(1.0, 20.0, 10.0), position_m=(2.6, 10.0))  # its side is at y = 0
@@ -68,7 +70,7 @@ def test_what_is_beyond_the_range_has_no_depth():
 
 
 def test_noise_grows_with_the_square_of_depth():
-    mount = Camera(size_m=(0.02, 0.09, 0.02), position_m=(0.1, 0.0, 1.9), mass_kg=0.1)
+    mount = CameraMount(size_m=(0.02, 0.09, 0.02), position_m=(0.1, 0.0, 1.9), mass_kg=0.1)
     for distance in (1.0, 2.0):
         depths = picture(room(wall(distance + 0.1)), mount=mount, noise_m=0.004)
         wrong = depths - 1000.0 * distance

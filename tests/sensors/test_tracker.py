@@ -10,7 +10,7 @@ from mecazen.config.world import Cylinder
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.messages import Skeletons
-from mecazen.robot import Camera
+from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import decode, encode
 from mecazen_sensors.scene import Scene
@@ -18,7 +18,9 @@ from mecazen_sensors.tracker import RESOLUTION, WHITE_RANGE_M, Tracker
 from people import HEIGHT, NEXUS, body, walking
 
 TICK_S = 0.01
-MOUNT = Camera(size_m=(0.02, 0.09, 0.02), position_m=(0.16, 0.0, 0.15), mass_kg=0.1, pitch_deg=20.0)
+MOUNT = CameraMount(
+    size_m=(0.02, 0.09, 0.02), position_m=(0.16, 0.0, 0.15), mass_kg=0.1, pitch_deg=20.0
+)
 NO_NOISE = {"white_std_m": 0.0, "drift_std_m": 0.0, "bias_std_m": 0.0}
 NO_CONFUSION = {"swap_probability": 0.0, "flip_rate_hz": 0.0}
 EXACT = {**NO_NOISE, **NO_CONFUSION, "hidden_pull": 0.0, "hidden_lag_s": 1e-9, "latency_s": 0.0}

@@ -1,6 +1,6 @@
 """Identifies motors from commands, wheel positions and efforts.
 
-The wheels follow commands as in `mecazen.robot.Motors`: delay, dead band, gain and supply, then a
+The wheels follow commands as in `mecazen.robot.RealMotors`: delay, dead band, gain and supply, then a
 first-order lag. The response to commands that are constant between samples is exact, so the delay
 need not be a multiple of the sampling period. Friction is found from the motors' efforts.
 """
@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mecazen.robot import WHEELS, Motors
+from mecazen.robot import WHEELS, RealMotors
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
@@ -161,7 +161,7 @@ def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, Estimate]:
     }
 
 
-def identified_motors(parameters: Mapping[str, Estimate]) -> Motors:
+def identified_motors(parameters: Mapping[str, Estimate]) -> RealMotors:
     """Return the motors of the robot file."""
     value = {name: max(one.value, 0.0) for name, one in parameters.items()}
     gains = [round(value[f"gain of {wheel}"], 5) for wheel in WHEELS]
@@ -170,4 +170,4 @@ def identified_motors(parameters: Mapping[str, Estimate]) -> Motors:
         for name in (*NAMES[:4], "coulomb_nm", "viscous_nms")
         if name in value
     }
-    return Motors(gains=(gains[0], gains[1], gains[2], gains[3]), **rest)
+    return RealMotors(gains=(gains[0], gains[1], gains[2], gains[3]), **rest)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mecazen.robot import Motors
+from mecazen.robot import RealMotors
 from mecazen.wheels import WheelSpeeds
 
 STILL_RAD_S = 0.05
@@ -12,7 +12,7 @@ STILL_RAD_S = 0.05
 chatter."""
 
 
-def compensated(speeds: WheelSpeeds, motors: Motors | None) -> WheelSpeeds:
+def compensated(speeds: WheelSpeeds, motors: RealMotors | None) -> WheelSpeeds:
     """Return the speeds to command so that the wheels turn at `speeds` [rad/s].
 
     A motor turns at its gain times the command less the dead band.

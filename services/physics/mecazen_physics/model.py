@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from mecazen.links import Link, base_link, lump, robot_links
+from mecazen.links import RobotLink, base_link, lump, robot_links
 from mecazen.robot import WHEELS, Robot
 
-Tree = tuple[Sequence[Link], Sequence[Sequence[Link]]]
+Tree = tuple[Sequence[RobotLink], Sequence[Sequence[RobotLink]]]
 """The links of a model of the robot without the base, in the order of `robot_links`; and for each
 wheel the links that are lumped with it, in its frame. The second part is empty if every roller is
 a link."""

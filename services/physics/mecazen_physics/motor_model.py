@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from mecazen.robot import WHEELS, Motors
+from mecazen.robot import WHEELS, RealMotors
 
 from mecazen_physics.state import RobotState
 
@@ -23,7 +23,7 @@ class MotorModel:
         dt: Physics step [s].
     """
 
-    def __init__(self, motors: Motors, dt: float) -> None:
+    def __init__(self, motors: RealMotors, dt: float) -> None:
         self._motors, self._dt = motors, dt
         self._steps = 0
         self._commands: deque[tuple[float, Speeds]] = deque()
@@ -77,7 +77,7 @@ class MotorModel:
         )
 
 
-def friction(motors: Motors, speed: float) -> float:
+def friction(motors: RealMotors, speed: float) -> float:
     """Return the friction torque of motor and gear [N·m] at a wheel's speed [rad/s]."""
     part = min(max(speed / STILL_RAD_S, -1.0), 1.0)
     return motors.coulomb_nm * part + motors.viscous_nms * speed

@@ -11,8 +11,7 @@ from typing import Any
 from mecazen.config import PhysicsConfig
 from mecazen.config.services import Pid
 from mecazen.links import robot_links
-from mecazen.robot import WHEELS, Robot
-from mecazen.robot import Motors as RealMotors
+from mecazen.robot import WHEELS, RealMotors, Robot
 from mecazen.wheels import WheelCommand
 from msgspec.structs import replace
 

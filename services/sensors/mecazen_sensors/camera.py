@@ -9,13 +9,13 @@ import numpy.typing as npt
 from mecazen.config.sensors import DepthConfig, TrackerConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, product
-from mecazen.robot import Camera as Mount
+from mecazen.robot import CameraMount
 
 
 class Camera:
     """A pinhole camera on a robot: its pose and field of view."""
 
-    def __init__(self, mount: Mount, config: TrackerConfig | DepthConfig) -> None:
+    def __init__(self, mount: CameraMount, config: TrackerConfig | DepthConfig) -> None:
         self._place = mount.position_m
         self.axes = np.array(mount.axes)
         """Unit vectors in base_link (3, 3): its rows point ahead, to the left and up."""

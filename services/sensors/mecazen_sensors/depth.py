@@ -9,7 +9,7 @@ from mecazen.arrays import rotate
 from mecazen.config.sensors import DepthConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, product
-from mecazen.robot import Camera as Mount
+from mecazen.robot import CameraMount
 from numpy.random import PCG64, Generator
 
 from mecazen_sensors.camera import Camera
@@ -31,7 +31,7 @@ class DepthCamera:
     The number of random draws per image does not depend on its content.
     """
 
-    def __init__(self, config: DepthConfig, mount: Mount, seed: int) -> None:
+    def __init__(self, config: DepthConfig, mount: CameraMount, seed: int) -> None:
         self._config = config
         self._camera = Camera(mount, config)
         width, height = config.width, config.height

@@ -21,7 +21,7 @@ from mecazen.arrays import rotate
 from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, product
-from mecazen.robot import Camera as Mount
+from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.ticks import ticks_per_sample, whole_ticks
 from mecazen.wire import NS_PER_S
@@ -81,7 +81,7 @@ class Tracker:
     separate generator, so an additional person does not change the errors of the others.
     """
 
-    def __init__(self, config: TrackerConfig, mount: Mount, seed: int, tick_s: float) -> None:
+    def __init__(self, config: TrackerConfig, mount: CameraMount, seed: int, tick_s: float) -> None:
         self._config, self._seed = config, seed
         self._camera = Camera(mount, config)
         self._place = np.array(mount.position_m)

@@ -13,7 +13,7 @@ from mecazen.config.sensors import TrackerConfig
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
 from mecazen.limits import FARTHEST_M
-from mecazen.robot import Camera
+from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
 
 from mecazen_viewer import components
@@ -54,7 +54,7 @@ def styles(height: float) -> Iterator[Entity]:
     yield e.SCAN, rr.Points3D.from_fields(colors=[e.SKY], radii=BEAM_RADIUS)
 
 
-def frustum(camera: Camera, tracker: TrackerConfig) -> Entity:
+def frustum(camera: CameraMount, tracker: TrackerConfig) -> Entity:
     """Return a camera's field of view, in base_link."""
     ahead, left, up = np.array(camera.axes)
     wide = math.tan(math.radians(tracker.horizontal_fov_deg) / 2)
