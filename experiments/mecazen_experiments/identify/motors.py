@@ -1,6 +1,6 @@
 """Identifies motors from commands, wheel positions and efforts.
 
-The wheels follow commands as in `mecazen.robot.RealMotors`: delay, dead band, gain and supply, then a
+The wheels follow commands as in `mecazen.robot.RealMotors`: delay, dead band, gain, supply, then a
 first-order lag. The response to commands that are constant between samples is exact, so the delay
 need not be a multiple of the sampling period. Friction is found from the motors' efforts.
 """
