@@ -132,6 +132,12 @@ def test_the_emergency_stop_holds_against_commands_until_it_is_released():
         until(lambda: not any(emulator.firmware.goal))
 
 
+def test_the_robot_describes_itself():
+    with emulated() as emulator, running(emulator) as run:
+        urdf = run.bus.call(keys.ROBOT_DESCRIPTION, Empty()).data
+        assert "front_left_wheel_joint" in urdf
+
+
 def test_a_low_battery_stops_the_motors_before_the_board_switches_itself_off():
     with emulated(Requested({}, {"brownout": 0.3})) as emulator, running(emulator) as run:
         run.drive(2.0, Twist2D(0.5, 0.0, 0.0))
