@@ -1,7 +1,7 @@
 """How the robot can move: the limits of wheels and controller, and its twist one tick later.
 
 Twists are numbers for one robot, and arrays (3, n) for n robots or plans: x, y [m/s] and yaw rate
-[rad/s] in base_link. Both give the same bits.
+[rad/s] in base_link. Results are bit-identical.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a user reads when something fails: errors in one line, log lines, missing extras."""
+"""Errors of one line each, lines of logs, and the extras that are installed."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from mecazen.drive import (
-    UNLIMITED,
     Drive,
     LimiterState,
     Limits,
@@ -16,7 +15,6 @@ from mecazen.drive import (
     bounds,
     limit,
     limit_twist,
-    slow_down,
 )
 from mecazen.geometry import Twist2D
 
@@ -217,10 +215,3 @@ def test_bounds_hold_for_the_controllers_limiter(limits, start, wanted, ticks):
     late = limits.acceleration * DT if start * wanted < 0.0 else 0.0
     aim = clipped(wanted, limits)
     assert min(max(aim, low), high) == pytest.approx(velocity, abs=late + ROUNDING)
-
-
-@given(drives, twists)
-def test_arrays_are_slowed_down_as_single_robots(drive, twist):
-    slowed, gains = np.array(twist)[:, None], np.array((1.0, drive.sideways, drive.lever))
-    slow_down(slowed, gains[:, None], min(drive.rim_speed, UNLIMITED))
-    assert slowed[:, 0] == pytest.approx(tuple(drive.slowed(twist)), abs=ROUNDING)

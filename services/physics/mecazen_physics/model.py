@@ -1,4 +1,4 @@
-"""What of the robot's links is lumped, and the inertia that a motor drives."""
+"""Links that are lumped with their wheel, and the inertia that a motor drives."""
 
 from __future__ import annotations
 
