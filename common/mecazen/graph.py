@@ -12,6 +12,8 @@ from dataclasses import replace
 from typing import Any
 
 from mecazen import keys
+from mecazen.config.scenario import OBSERVERS as OBSERVERS  # noqa: PLC0414  # of the graph
+from mecazen.config.scenario import SHARED as SHARED  # noqa: PLC0414
 from mecazen.keys import Topic
 from mecazen.row import Row, due, every, latest
 
@@ -205,7 +207,7 @@ def _robot() -> tuple[Row, ...]:
         Row(
             "motors",
             "sends wheel speeds to the board, as far as that is safe",
-            program="mecazen_hardware.node:Motors",
+            program="mecazen_hardware.node:MotorsNode",
             inputs=(
                 every(keys.JOINT_STATES),
                 due(keys.JOINT_COMMAND, revises=True),
@@ -314,12 +316,8 @@ NODES = {row.name: row for row in GRAPH if not row.owns_time}
 """All nodes but the clocks, by name."""
 SERVICES = tuple(services(GRAPH))
 """Names of all services."""
-OBSERVERS = tuple(row.part_of for row in GRAPH if row.observes)
-"""Services that no tick waits for and whose exit is no error."""
 WORLDS = tuple(row.part_of for row in GRAPH if row.owns_time)
 """Services that own time; a scenario has one of them."""
-SHARED = tuple(name for name, nodes in services(GRAPH).items() if nodes[0].shared)
-"""Services that run once for all robots."""
 
 
 class Graph:

@@ -13,13 +13,23 @@ import msgspec.inspect as mi
 import tomli_w
 
 from mecazen.config import BusConfig, Scenario, WorldConfig, with_guard
-from mecazen.config.scenario import PROGRAM, scenario_with
+from mecazen.config.scenario import scenario_with
 from mecazen.config.sensors import features
 from mecazen.errors import ConfigError, UntrustedError
 from mecazen.explain import explain, show, suggestion
 from mecazen.files import parse_toml, parse_value, plain, read_toml
 from mecazen.robot import Robot
-from mecazen.schema import NO_KEYS, Folder, Output, Section, SectionT, choose, fields, members
+from mecazen.schema import (
+    NO_KEYS,
+    PROGRAM,
+    Folder,
+    Output,
+    Section,
+    SectionT,
+    choose,
+    fields,
+    members,
+)
 from mecazen.text import printable
 
 OWN = Path(__file__).parent

@@ -27,6 +27,12 @@ Mass = Annotated[float, msgspec.Meta(gt=0.0, le=2000.0)]
 AngleDeg = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 
 
+PROGRAM = "^.+$"
+"""The pattern of a program, whose file is located as a path."""
+Program = Annotated[str, msgspec.Meta(pattern=PROGRAM)]
+"""`file.py:Class`, `module:Class`, or the name of something installed."""
+
+
 class Folder(PosixPath):
     """A path to a folder; a plain `Path` in a configuration is a path to a file."""
 

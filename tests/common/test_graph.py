@@ -17,7 +17,8 @@ def test_names_are_unique_and_each_table_of_names_follows():
     counts = Counter((row.part_of, row.name) for row in GRAPH)
     assert set(counts.values()) == {1}
     assert set(SERVICES) == {row.part_of for row in GRAPH}
-    assert set(SERVICES) >= set(SHARED) >= set(OBSERVERS) > set()
+    assert set(SHARED) == {row.part_of for row in GRAPH if row.shared}
+    assert set(OBSERVERS) == {row.part_of for row in GRAPH if row.observes}
     assert set(NODES) == {row.name for row in GRAPH} - {"clock"}
 
 

@@ -1,5 +1,6 @@
-"""An emulated board in a thread, with its wheels off the ground: what hears a driver in tests."""
+"""An emulated board in a thread, with its wheels off the ground, and frames to and from it."""
 
+import random
 import threading
 import time
 from contextlib import contextmanager
@@ -9,17 +10,26 @@ from harness import ROBOTS
 from mecazen.config import HardwareConfig
 from mecazen.loading import load_table
 from mecazen.robot import Robot
-from mecazen_hardware.emulator.emulator import Emulator
-from mecazen_hardware.emulator.faults import Requested
 from mecazen_hardware.emulator.firmware import Firmware, Instruments
-from mecazen_hardware.emulator.line import Line
+from mecazen_hardware.emulator.line import Emulator, SerialLine
 from mecazen_hardware.emulator.world import TICK_MS, motor_torque
+from mecazen_hardware.link import Link
 
 ROBOT = load_table(ROBOTS / "rosmaster_x3.toml", Robot)
 INERTIA = 8e-4
 """Inertia of a wheel with its share of the robot [kg·m²]."""
-NO_FAULTS = Requested({}, {})
 MOTION, RESET = 0x12, 0x0F
+STOP_WITHIN_S = 0.5
+"""Time after the last command within which a stop frame has to come [s]."""
+
+
+def frame(function, payload=b"", head=b"\xff\xfc"):
+    body = bytes((len(payload) + 3, function)) + payload
+    return head + body + bytes((sum(body) % 256,))
+
+
+def to_host(function, payload):
+    return frame(function, payload, b"\xff\xfb")
 
 
 @dataclass
@@ -27,14 +37,12 @@ class Stand:
     """Wheels that turn freely, in the place of physics."""
 
     battery_v: float = 12.0
-    has_begun: bool = False
-    time_ns: int = 0
-    news: dict = field(default_factory=dict)
     angles: list = field(default_factory=lambda: [0.0] * 4)
     speeds: list = field(default_factory=lambda: [0.0] * 4)
 
-    def begin(self):
-        self.has_begun = True
+    @property
+    def measured(self):
+        return Instruments(tuple(self.angles), self.battery_v)
 
     def step(self, duty):
         for wheel, share in enumerate(duty):
@@ -43,37 +51,59 @@ class Stand:
             self.speeds[wheel] += torque / INERTIA * TICK_MS / 1000.0
             self.angles[wheel] += self.speeds[wheel] * TICK_MS / 1000.0
 
-    def sense(self):
-        return Instruments(tuple(self.angles), self.battery_v)
 
+class LoggingFirmware(Firmware):
+    """A board that keeps the frames that it has accepted, with their times."""
 
-class Hearing(Firmware):
-    """A board that notes when it took which frame."""
+    def __init__(self, **settings):
+        super().__init__(**settings)
+        self.log = []
 
-    def __post_init__(self):
-        super().__post_init__()
-        self.heard = []
-
-    def _read(self, frame):
-        super()._read(frame)
-        self.heard.append((time.monotonic(), frame[3], frame[4:-1]))
+    def _execute(self, function, payload):
+        super()._execute(function, payload)
+        self.log.append((time.monotonic(), function, payload))
 
     @property
     def stopped_after_s(self):
         """The time from the last frame that drives to the first one that stops the motors [s]."""
-        drives = [function == MOTION and any(rest[1:]) for _, function, rest in self.heard]
-        last = max(at for at, moves in enumerate(drives) if moves)
-        stop = next(t for t, function, _ in self.heard[last + 1 :] if function in (MOTION, RESET))
-        return stop - self.heard[last][0]
+        drives = [function == MOTION and any(payload[1:]) for _, function, payload in self.log]
+        last = max(number for number, moves in enumerate(drives) if moves)
+        stop = next(t for t, function, _ in self.log[last + 1 :] if function in (MOTION, RESET))
+        return stop - self.log[last][0]
+
+
+class FaultyLine(SerialLine):
+    """A line that damages a share of what it carries, in both directions, or falls silent."""
+
+    def __init__(self, damage="", share=0.1):
+        super().__init__()
+        self.is_silent = False
+        self._damage, self._share = damage, share
+        self._random = random.Random(1)
+
+    def _pass_on(self, data):
+        if self._damage and data and self._random.random() < self._share:
+            place = self._random.randrange(len(data))
+            flipped = bytes((data[place] ^ 0x55,)) + data[place + 1 :]
+            data = {"drop": b"", "cut": data[:place], "corrupt": data[:place] + flipped}[
+                self._damage
+            ]
+        return data
+
+    def read(self):
+        return self._pass_on(super().read())
+
+    def millisecond(self, data):
+        super().millisecond(b"" if self.is_silent else self._pass_on(data))
 
 
 @contextmanager
-def emulated(faults=NO_FAULTS, link=None, **firmware):
+def emulated(damage="", **firmware):
     """Yield a running emulator of a board on a stand."""
-    line = Line(link)
-    emulator = Emulator(line, Stand(), Hearing(**firmware), faults)
+    line = FaultyLine(damage)
+    emulator = Emulator(line, Stand(), LoggingFirmware(**firmware))
     stopped = threading.Event()
-    thread = threading.Thread(target=emulator.run, args=(stopped.is_set,), daemon=True)
+    thread = threading.Thread(target=emulator.run, args=(stopped,), daemon=True)
     thread.start()
     try:
         yield emulator
@@ -85,6 +115,16 @@ def emulated(faults=NO_FAULTS, link=None, **firmware):
 
 def config(emulator, **settings):
     return HardwareConfig(port=emulator.line.name, **settings)
+
+
+@contextmanager
+def linked(emulator):
+    """Yield the link to an emulated board."""
+    link = Link(config(emulator), ROBOT)
+    try:
+        yield link
+    finally:
+        link.close()
 
 
 def until(condition, timeout_s=5.0):

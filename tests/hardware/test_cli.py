@@ -1,10 +1,20 @@
-"""The commands of `mecazen hardware`."""
+"""The commands of `mecazen hardware`, on an emulated board and with a whole stack."""
 
+import re
+import time
+
+import pytest
 from hardware.stand import emulated
-from harness import assert_one_line, mecazen
+from harness import SCENARIOS, Command, Newest, assert_one_line, mecazen
+from mecazen.geometry import Pose2D
+from mecazen.keys import OBSERVATION, ODOM
+from mecazen.messages import Header, Observation, Pose, PoseWithCovariance
+from mecazen_hardware.checklist import WheelCheck
+from mecazen_tools.processes import ProcessError
+from stack import Stack
 
 
-def test_a_probe_shows_version_battery_and_encoders_and_no_motor_turns():
+def test_a_probe_shows_the_board_and_turns_no_motor():
     with emulated() as emulator:
         done = mecazen("hardware", "probe", "--port", emulator.line.name)
         assert done.returncode == 0
@@ -22,7 +32,7 @@ def test_a_check_on_blocks_finds_all_wheels_in_order():
         assert done.stdout.count(": ok, turned ") == 4
 
 
-def test_a_check_of_a_robot_whose_plugs_are_swapped_says_which():
+def test_a_check_names_swapped_plugs():
     with emulated() as emulator:
         turn = emulator.world.step
         emulator.world.step = lambda duty: turn([duty[1], duty[0], *duty[2:]])
@@ -31,19 +41,76 @@ def test_a_check_of_a_robot_whose_plugs_are_swapped_says_which():
         assert "front_left: rear_left turned instead" in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("angles", "problem"),
+    [
+        ((3.0, 0.0, 0.0, 0.1), ""),
+        ((0.0, 0.1, 0.0, 0.0), "no wheel turned"),
+        ((0.0, 0.0, 3.0, 0.0), "rear_left turned instead"),
+        ((-3.0, 0.0, 0.0, 0.0), "it counts backwards"),
+        ((3.0, 2.0, 0.0, 0.0), "front_right turned as well"),
+    ],
+)
+def test_each_mistake_of_wiring_has_its_words(angles, problem):
+    text = WheelCheck(0, angles).problem
+    assert text.startswith(problem)
+    assert bool(text) == bool(problem)
+
+
 def test_what_can_not_be_probed_is_one_line():
     assert_one_line(mecazen("hardware", "probe", "--port", "/dev/none"), 1, "no such port")
-    unknown = ("--board", "none", "--robot", "nexus", "--port", "/dev/null")
-    assert_one_line(mecazen("hardware", "probe", *unknown), 2, "no board 'none'; installed: ")
+    assert_one_line(
+        mecazen("hardware", "probe", "--port", "/dev/null", "--board", "x3"), 2, "no board 'x3'"
+    )
 
 
-def test_frames_are_fuzzed_and_counted():
-    done = mecazen("hardware", "fuzz", "--frames", "2000")
-    assert "largest loss: 1" in done.stdout or "largest loss: 0" in done.stdout
+COVARIANCE = tuple(0.0025 if n in (0, 7, 35) else 0.0 for n in range(36))
+"""That of a detection: 0.05 m, and 0.05 rad."""
 
 
-def test_the_latency_of_a_driver_is_measured():
-    done = mecazen("hardware", "latency", "--duration", "2")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "command: p50 " in done.stdout
-    assert "report: p50 " in done.stdout
+class Walker:
+    """A person who walks from the origin along x at 0.5 m/s; a sensor reports them at 25 Hz."""
+
+    def __init__(self, bus, robot):
+        self._robot, self._put = robot, bus.publisher(OBSERVATION).put
+        self._begin_s = self._reported_s = time.monotonic()
+
+    def walked_s(self):
+        """Report the person if that is due; return the time since they started [s]."""
+        now_s = time.monotonic()
+        if now_s - self._reported_s >= 0.04:
+            self._reported_s = now_s
+            person = self._robot.pose.between(Pose2D(self.x_m, 0.0, 0.0))
+            pose = PoseWithCovariance(Pose.planar(person), COVARIANCE)
+            header = Header(stamp=self._robot.message.header.stamp, frame_id="base_link")
+            self._put(Observation(header, (pose,)), None)
+        return now_s - self._begin_s
+
+    @property
+    def x_m(self):
+        return 0.5 * (time.monotonic() - self._begin_s)
+
+
+def test_a_robot_behind_an_emulated_board_follows(tmp_path):
+    port = tmp_path / "board"
+    board = Command("hardware", "emulate", "teleop", "--link", port)
+    board.read_until("until Ctrl-C")
+    services = 'services=["hardware","controller","follower"]'
+    stack = Stack(
+        SCENARIOS / "back.toml", (services, "robot=rosmaster_x3", f"hardware.port={port}")
+    )
+    try:
+        robot = Newest(stack.bus, ODOM)
+        stack.start()
+        stack.wait(lambda: robot.message is not None)
+        walker = Walker(stack.bus, robot)
+        stack.wait(lambda: walker.walked_s() > 5.0)
+        # a robot that stands would now be 2.5 m farther away
+        assert walker.x_m - robot.pose.x == pytest.approx(1.0, abs=0.1)
+        code, text, _ = board.end()
+        assert code == 0
+        assert re.search(r"[0-9]{3} frames taken", text)
+        with pytest.raises(ProcessError, match=r"hardware: .*the port has gone in mid-run"):
+            stack.wait(lambda: False)
+    finally:
+        stack.close()

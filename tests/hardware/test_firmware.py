@@ -1,47 +1,51 @@
-"""The emulated firmware: what the vendor's source says, millisecond by millisecond."""
+"""The emulated board, by the rules of the vendor's source: firmware, motors, line and physics."""
 
 import math
+import random
 import struct
+from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
+import serial
+from hardware.stand import LoggingFirmware, Stand, emulated, frame, until
+from harness import SCENARIOS
+from mecazen.errors import MecazenError
 from mecazen_hardware.emulator.firmware import CYCLE_MS, Firmware, Instruments
+from mecazen_hardware.emulator.line import Emulator, SerialLine
+from mecazen_hardware.emulator.world import BREAK_AWAY_V, EmulatedWorld, load, motor_torque
 
 VOLTS = 12.0
 
 
-def to_board(function, payload=b""):
-    body = bytes((len(payload) + 3, function)) + payload
-    return b"\xff\xfc" + body + bytes((sum(body) % 256,))
-
-
 def motion(x, y=0, yaw=0):
-    return to_board(0x12, struct.pack("<B3h", 1, x, y, yaw))
+    return frame(0x12, struct.pack("<B3h", 1, x, y, yaw))
 
 
 def take(board, *frames):
     """Let a frame arrive in each millisecond."""
-    for frame in frames:
-        for byte in frame:
+    for sent in frames:
+        for byte in sent:
             board.receive(byte)
         run(board, 1)
 
 
-def run(board, ms, seen=Instruments(volts=VOLTS)):  # noqa: B008  # immutable
+def run(board, ms, measured=Instruments(volts=VOLTS)):  # noqa: B008  # immutable
     """Return what the board sends in some milliseconds."""
-    return [sent for _ in range(ms) if (sent := board.millisecond(lambda: seen))]
+    return [sent for _ in range(ms) if (sent := board.millisecond(measured))]
 
 
-def test_reports_start_after_40_ms_and_repeat_every_41():
-    sent = run(Firmware(), 40 + 3 * CYCLE_MS)
-    assert [one[3] for one in sent[:8]] == [0x0A, 0x0E, 0x0C, 0x0D] * 2
+def test_reports_repeat_every_41_ms():
+    sent = run(Firmware(), 3 * CYCLE_MS)
+    assert [report[3] for report in sent[:8]] == [0x0A, 0x0E, 0x0C, 0x0D] * 2
     assert len(sent) == 12
-    assert all(sum(one[2:-1]) % 256 == one[-1] for one in sent)
+    assert all(sum(report[2:-1]) % 256 == report[-1] for report in sent)
 
 
-def test_what_the_board_senses_has_the_scales_of_the_vendors_library():
+def test_reports_have_the_scales_of_the_vendors_library():
     turn, half = (0.5, -0.25, 0.125), (0.1, -0.2, math.pi)
-    seen = Instruments((math.tau, 0.0, -math.pi, 0.0), 11.97, turn, (0.0, 0.0, 9.81), half)
-    sent = {one[3]: one[4:-1] for one in run(Firmware(), 200, seen)}
+    measured = Instruments((math.tau, 0.0, -math.pi, 0.0), 11.97, turn, (0.0, 0.0, 9.81), half)
+    sent = {report[3]: report[4:-1] for report in run(Firmware(), 200, measured)}
     assert sent[0x0A][-1] == 119  # tenths of a volt, cut
     assert struct.unpack("<9h", sent[0x0E])[:6] == (500, -250, 125, 0, 0, 9810)
     assert struct.unpack("<3h", sent[0x0C]) == (1000, -2000, 31415)
@@ -49,43 +53,36 @@ def test_what_the_board_senses_has_the_scales_of_the_vendors_library():
 
 
 @pytest.mark.parametrize(
-    ("request_", "answer"),
+    ("payload", "answer"),
     [
         ((0x51, 0), "fffb055103055e"),
         ((0x15, 0), "fffb051501001b"),
         ((0x13, 1), "fffb0a130120033c00f40172"),
-        ((0x14, 5), ""),
         ((0x13, 5), "fffb0a140590010000640018"),
+        ((0x14, 5), ""),
     ],
 )
-def test_requests_are_answered_in_the_next_millisecond(request_, answer):
-    board = Firmware(version=(3, 5))
-    for byte in to_board(0x50, bytes(request_)):
+def test_requests_are_answered_in_the_next_millisecond(payload, answer):
+    board = Firmware()
+    take(board, frame(0x01, b"\x00\x00"))  # no reports
+    for byte in frame(0x50, bytes(payload)):
         board.receive(byte)
     assert b"".join(run(board, 2)).hex() == answer
 
 
-def test_reports_can_be_switched_off_and_on():
-    board = Firmware()
-    take(board, to_board(0x01, b"\x00\x00"))
-    assert run(board, 200) == []
-    take(board, to_board(0x01, b"\x01\x00"))
-    assert len(run(board, 2 * CYCLE_MS)) == 8
-
-
-def test_a_twist_becomes_speeds_of_m1_to_m4_each_cut_by_itself():
+def test_a_twist_becomes_rim_speeds_each_cut_by_itself():
     board = Firmware()
     take(board, motion(500, 200, 1000))
     turn = 164.555
     assert board.goal == pytest.approx([300 - turn, 700 - turn, 700 + turn, 300 + turn])
     take(board, motion(900, 900, 0))
     assert board.goal == [0.0, 1000.0, 1000.0, 0.0]  # the direction is lost
-
-
-def test_a_car_without_mecanum_wheels_does_not_strafe():
-    board = Firmware(car_type=5)
-    take(board, motion(500, 300, 0))
-    assert board.goal == [500.0] * 4
+    take(board, frame(0x15, b"\x05\x00"), motion(500, 300))
+    assert board.goal == [200.0, 800.0, 800.0, 200.0]  # the type is not saved without 0x5F
+    take(board, frame(0x15, b"\x05\x5f"), motion(500, 300))
+    assert board.goal == [500.0] * 4  # a car without mecanum wheels does not strafe
+    take(board, frame(0x15, b"\x01\x5f"), frame(0x11, struct.pack("<BBh", 1, 3, 30)))
+    assert board.goal == [-300.0, 300.0, 300.0, -300.0]
 
 
 def test_the_last_command_is_kept_for_ever():
@@ -95,68 +92,64 @@ def test_the_last_command_is_kept_for_ever():
     assert board.goal == [500.0] * 4
 
 
-def test_zero_motion_and_a_reset_brake():
-    for stop in (motion(0), to_board(0x0F, b"\x5f")):
-        board = Firmware()
-        take(board, motion(500))
-        run(board, 20)
-        assert min(board.duty) > 0.44  # the fixed offset, from the first cycle of the loop on
-        take(board, stop)
-        assert board.duty == [0.0] * 4
-
-
-def test_an_open_loop_duty_has_the_offset_and_holds_only_until_a_motion_starts_the_loop():
+@pytest.mark.parametrize("stop", [motion(0), frame(0x0F, b"\x5f"), frame(0x11, b"\x01\x07\0\0")])
+def test_zero_motion_and_a_reset_brake(stop):
     board = Firmware()
-    take(board, to_board(0x10, struct.pack("<4b", 10, -10, 0, 100)))
+    take(board, motion(500))
+    run(board, 20)
+    assert min(board.duty) > 0.44  # the fixed offset, from the first cycle of the loop on
+    take(board, stop)
+    assert board.duty == [0.0] * 4
+
+
+def test_a_duty_holds_until_a_motion_starts_the_loop():
+    board = Firmware()
+    take(board, frame(0x10, struct.pack("<4b", 10, -10, 0, 100)))
     assert board.duty == pytest.approx([0.5, -0.5, None, 1.0], nan_ok=True)
-    take(board, motion(100), to_board(0x10, struct.pack("<4b", 100, 100, 100, 100)))
+    take(board, motion(100), frame(0x10, struct.pack("<4b", 100, 100, 100, 100)))
     run(board, 20)
     assert max(board.duty) < 1.0
 
 
-def test_the_loop_reaches_a_speed_with_wheels_that_turn_as_driven():
+@pytest.mark.parametrize("gains", [None, (1000, 100, 0)])
+def test_the_loop_reaches_a_speed(gains):
     board, angle, speed = Firmware(), 0.0, 0.0
+    if gains:
+        take(board, frame(0x13, struct.pack("<3HB", *gains, 0)))
     take(board, motion(500))
     for _ in range(3000):
-        board.millisecond(lambda angle=angle: Instruments((angle,) * 4, VOLTS))
+        board.millisecond(Instruments((angle,) * 4, VOLTS))
         speed += (max(board.duty[0] * VOLTS - 3.3, 0.0) / 0.34 - speed) * 0.001 / 0.07
         angle += speed * 0.001
     # one count in 10 ms is 15.5 mm/s, which the loop can't see below
     assert speed * 32.5 == pytest.approx(500, abs=16)
 
 
-@pytest.mark.parametrize("frames", [(motion(500), motion(300))])
-def test_of_two_frames_without_a_gap_one_is_lost(frames):
+def test_frames_that_the_board_can_not_take_are_lost():
     board = Firmware()
-    for byte in frames[0] + frames[1]:
-        board.receive(byte)
-    run(board, 3)
-    assert board.taken == 1
-    assert board.lost == 1
-
-
-def test_a_repeated_first_byte_and_a_wrong_sum_lose_a_frame():
-    board = Firmware()
-    take(board, b"\xff" + motion(500))
-    assert board.taken == 0
-    take(board, motion(500)[:-1] + b"\x00")
+    take(board, b"\xff" + motion(500))  # a repeated first byte
+    take(board, motion(500)[:-1] + b"\x00")  # a wrong sum
+    take(board, frame(0x23, bytes(15)))  # 20 bytes or more
     assert (board.taken, board.goal) == (0, [0.0] * 4)
-    take(board, motion(500))
+    take(board, motion(500) + motion(300))  # without a gap
     assert board.taken == 1
+    take(board, frame(0x23, bytes(14)), frame(0x99, b"\x01"))  # lights, and no command
+    assert (board.taken, board.goal) == (3, [300.0] * 4)
 
 
-def test_a_frame_of_20_bytes_or_more_is_refused():
-    board = Firmware()
-    take(board, to_board(0x23, bytes(15)))
-    assert board.taken == 0
-    take(board, to_board(0x23, bytes(14)))
-    assert board.taken == 1
+def test_no_bytes_stop_the_firmware():
+    draw, board = random.Random(5), LoggingFirmware()
+    for _ in range(5000):
+        for byte in (b"\xff\xfc" if draw.random() < 0.5 else b"") + draw.randbytes(9):
+            board.receive(byte)
+        run(board, 1)
+    assert not board.is_latched
 
 
 @pytest.mark.parametrize(
     ("volts", "latches"), [(9.5, True), (13.1, True), (8.0, False), (12.0, False)]
 )
-def test_a_bad_supply_for_2_s_latches_the_motors_off_until_a_reset(volts, latches):
+def test_a_bad_supply_for_2_s_switches_the_motors_off(volts, latches):
     board = Firmware()
     take(board, motion(500))
     run(board, 1900, Instruments(volts=volts))
@@ -167,27 +160,121 @@ def test_a_bad_supply_for_2_s_latches_the_motors_off_until_a_reset(volts, latche
         assert run(board, 200) == []  # reports have ended
         take(board, motion(500))
         assert board.goal == [0.0] * 4
-        take(board, to_board(0x0F, b"\x5f"), motion(500))
+        take(board, frame(0x0F, b"\x5f"), motion(500))
         assert board.goal == [500.0] * 4
 
 
-def test_gains_can_be_changed_and_the_type_of_car_is_saved_only_with_its_word():
-    board = Firmware()
-    take(board, to_board(0x13, struct.pack("<3HB", 1000, 100, 0, 0)), to_board(0x15, b"\x02\x00"))
-    assert board.car_type == 1
-    take(board, to_board(0x15, b"\x02\x5f"))
-    assert board.car_type == 2
+def test_a_motor_has_the_torques_of_its_data_sheet():
+    assert motor_torque(BREAK_AWAY_V - 0.1, 0.0)[0] == 0.0
+    assert motor_torque(BREAK_AWAY_V + 0.1, 0.0)[0] > 0.0 > motor_torque(-6.0, 0.0)[0]
+    stall, current = motor_torque(12.0, 0.0)
+    assert stall + 3.3 * 0.157 / 4.5 == pytest.approx(0.42, abs=0.01)  # without friction
+    assert current == pytest.approx(2.7, abs=0.1)  # from 2.4 to 3 A
+    assert motor_torque(12.0, 30.0)[0] < 0.0 < motor_torque(12.0, 20.0)[0]
+    # without supply it coasts, and a short circuit brakes harder
+    assert motor_torque(0.0, 20.0)[0] < motor_torque(None, 20.0)[0] < 0.0
 
 
-def test_lights_servos_and_unknown_commands_change_nothing():
-    board = Firmware()
-    take(board, to_board(0x22, b"\x01"), to_board(0x02, b"\x0a\x00"), to_board(0x99, b"\x01"))
-    assert (board.taken, board.drives) == (3, False)
+def test_a_duty_drives_the_robot_in_physics_and_costs_voltage():
+    world = EmulatedWorld(load(SCENARIOS / "back.toml", ("start.x_m=-3.0",)))
+    for _ in range(100):
+        world.step([0.7, 0.7, 0.7, 0.7])
+    measured = world.measured
+    assert min(measured.angles) > 2.0
+    assert max(measured.angles) - min(measured.angles) < 0.1
+    assert 11.0 < measured.volts < 12.0
+    assert measured.accel[2] == pytest.approx(9.81, abs=1.0)
+    for _ in range(100):
+        world.step([0.7, 0.7, -0.7, -0.7])  # m1 and m2 are on the left: it turns to the right
+    assert world.measured.attitude[2] < -0.1
 
 
-def test_the_steering_command_drives_one_way():
-    board = Firmware()
-    take(board, to_board(0x11, struct.pack("<BBh", 1, 3, 30)))
-    assert board.goal == [-300.0, 300.0, 300.0, -300.0]
-    take(board, to_board(0x11, struct.pack("<BBh", 1, 7, 0)))
-    assert board.goal == [0.0] * 4
+def test_the_vendors_frames_drive_a_board_on_a_port():
+    """The bytes are those that the vendor's library was seen to send."""
+    with emulated() as emulator, serial.Serial(emulator.line.name, 115200, timeout=1.0) as port:
+        port.write(bytes.fromhex("FFFC04220127"))  # its constructor's first frame
+        until(lambda: emulator.firmware.taken == 1)
+        port.write(bytes.fromhex("FFFC0A1201F40106FFE80302"))  # 0.5 m/s, -0.25 m/s, 1 rad/s
+        turn = 164.555
+        goal = [750 - turn, 250 - turn, 250 + turn, 750 + turn]
+        until(lambda: emulator.firmware.goal == pytest.approx(goal))
+        kinds, counts = set(), []
+        while len(counts) < 20:
+            kind, payload = receive_as_vendor(port)
+            kinds.add(kind)
+            if kind == 0x0D:
+                counts.append(struct.unpack("<4i", payload))
+        assert {0x0A, 0x0E, 0x0C, 0x0D} <= kinds
+        assert all(after >= before for before, after in pairwise(count[3] for count in counts))
+        assert counts[-1][3] > counts[-1][1] > 0
+        port.write(bytes.fromhex("FFFC040F5F72"))  # reset of the state
+        until(lambda: not any(emulator.firmware.goal))
+
+
+def receive_as_vendor(port):
+    """Read a report in the way of the vendor's library: byte by byte, a wrong sum is dropped."""
+    while True:
+        if port.read(1) != b"\xff" or port.read(1) != b"\xfb":
+            continue
+        length, kind = port.read(2)
+        payload = port.read(length - 2)
+        if (length + kind + sum(payload[:-1])) % 256 == payload[-1]:
+            return kind, payload[:-1]
+
+
+def test_without_a_gap_a_frame_destroys_the_one_before(monkeypatch):
+    # between two looks no time passes, so the frames can't have had a gap
+    standing = SimpleNamespace(monotonic=lambda: 1.0)
+    monkeypatch.setattr("mecazen_hardware.emulator.line.time", standing)
+    line = SerialLine()
+    emulator = Emulator(line, Stand(), LoggingFirmware())
+    with serial.Serial(line.name, 115200) as port:
+        emulator.receive()
+        port.write(motion(300) * 2)
+        emulator.receive()
+        for _ in range(100):
+            emulator.millisecond()
+    line.close()
+    assert (emulator.firmware.taken, emulator.firmware.lost) == (1, 1)
+
+
+@pytest.fixture
+def line():
+    opened = SerialLine()
+    yield opened
+    opened.close()
+
+
+def test_a_line_carries_bytes_unchanged_and_without_echo(line):
+    with serial.Serial(line.name, 115200, timeout=0.05) as port:
+        port.write(b"\x03\x04\r\n\xff\xfc\x11\x13")
+        assert line.read() == b"\x03\x04\r\n\xff\xfc\x11\x13"
+        assert port.read(1) == b""
+        line.millisecond(bytes(range(23)))
+        assert port.read(23) == bytes(range(11))  # 11.52 bytes in a millisecond
+        line.millisecond(b"")
+        line.millisecond(b"")
+        assert port.read(23) == bytes(range(11, 23))
+    assert line.read() == b""  # no one has it open: no error
+
+
+def test_bytes_that_no_one_reads_stop_nothing(line):
+    for _ in range(2000):
+        line.millisecond(bytes(11))
+    with serial.Serial(line.name, 115200, timeout=0.1) as port:
+        port.reset_input_buffer()
+        line.millisecond(b"newer!!")
+        assert port.read(100) == b"newer!!"
+
+
+def test_a_link_names_the_port_until_it_closes(tmp_path):
+    link = tmp_path / "board"
+    link.symlink_to("/dev/pts/none")  # left by an emulator that was killed
+    line = SerialLine(link)
+    assert link.readlink() == type(link)(line.name)
+    with pytest.raises(MecazenError, match="taken; another emulator may have it"):
+        SerialLine(link)
+    line.close()
+    assert not link.is_symlink()
+    with pytest.raises(MecazenError, match="No such file or directory"):
+        SerialLine(tmp_path / "none" / "board")

@@ -4,9 +4,8 @@ import math
 import random
 
 import pytest
-from mecazen.wheels import WheelSpeeds
-from mecazen_hardware.board import MeasuredSpeeds, WheelAngles
-from mecazen_hardware.wheels import Wheels
+from mecazen_hardware.board import WheelAngles
+from mecazen_hardware.wheels import WheelEstimator
 
 CYCLE_S, TICK_S, COUNT = 0.041, 0.01, math.tau / 1320
 SPAN = 2**32 * COUNT
@@ -41,16 +40,16 @@ def turned_at(speed, until_s, step_s=0.001):
 
 
 @pytest.mark.parametrize("jitter_s", [0.0, 0.015])
-def test_a_steady_speed_is_measured_whatever_the_jitter_of_the_arrival(jitter_s):
-    wheels = Wheels(CYCLE_S, 30.8)
+def test_a_steady_speed_is_measured_despite_jitter(jitter_s):
+    wheels = WheelEstimator(CYCLE_S, 30.8)
     speeds = [v for t, _, v in drive(wheels, lambda t: 10.0, 2.0, jitter_s) if t > 0.5]
     quantum = COUNT / CYCLE_S  # of the measured speed; jitter moves the angle by speed times delay
     assert max(abs(v - 10.0) for v in speeds) < 2 * quantum + 10.0 * jitter_s / CYCLE_S
     assert sum(speeds) / len(speeds) == pytest.approx(10.0, abs=0.1 * quantum + 0.02)
 
 
-def test_the_sum_of_the_speeds_follows_the_encoders_so_odometry_does_not_drift():
-    wheels = Wheels(CYCLE_S, 30.8)
+def test_the_sum_of_the_speeds_follows_the_encoders():
+    wheels = WheelEstimator(CYCLE_S, 30.8)
 
     def speed(t):
         return 8.0 * math.sin(2.0 * t) + 3.0
@@ -62,7 +61,7 @@ def test_the_sum_of_the_speeds_follows_the_encoders_so_odometry_does_not_drift()
 
 
 def test_a_count_that_wraps_is_a_small_step():
-    wheels = Wheels(CYCLE_S, 30.8)
+    wheels = WheelEstimator(CYCLE_S, 30.8)
     end = 2**31 * COUNT
     wheels.take(WheelAngles((end - 0.1,) * 4, SPAN), 0.0)
     for n in (1, 2):
@@ -72,8 +71,8 @@ def test_a_count_that_wraps_is_a_small_step():
     assert sum(speeds) * TICK_S == pytest.approx(0.2, abs=1e-6)  # made up for within a second
 
 
-def test_a_damaged_number_is_left_out_and_the_next_one_makes_up_for_it():
-    wheels = Wheels(CYCLE_S, 30.8)
+def test_the_next_report_makes_up_for_a_damaged_number():
+    wheels = WheelEstimator(CYCLE_S, 30.8)
     for n in range(10):
         turned = 0.2 * n if n != 5 else 500.0
         wheels.take(WheelAngles((turned,) * 4, SPAN), n * CYCLE_S)
@@ -82,8 +81,8 @@ def test_a_damaged_number_is_left_out_and_the_next_one_makes_up_for_it():
     assert wheels.angles[0] == pytest.approx(0.2 * 9, abs=0.21)
 
 
-def test_an_encoder_that_jumps_and_stays_there_is_a_new_start_and_no_motion():
-    wheels = Wheels(CYCLE_S, 30.8)
+def test_an_encoder_that_jumps_for_good_is_no_motion():
+    wheels = WheelEstimator(CYCLE_S, 30.8)
     for n in range(20):
         turned = 0.2 * n + (500.0 if n >= 10 else 0.0)
         wheels.take(WheelAngles((turned, 0.2 * n, 0.2 * n, 0.2 * n), SPAN), n * CYCLE_S)
@@ -93,24 +92,15 @@ def test_an_encoder_that_jumps_and_stays_there_is_a_new_start_and_no_motion():
 
 
 def test_without_reports_the_speed_ends_after_two_cycles():
-    wheels = Wheels(CYCLE_S, 30.8)
+    wheels = WheelEstimator(CYCLE_S, 30.8)
     list(drive(wheels, lambda t: 10.0, 1.0))
     for n in range(30):
         _, speeds = wheels.advance(1.0 + n * TICK_S, TICK_S)
     assert max(map(abs, speeds)) < 0.1
 
 
-def test_a_board_that_measures_speeds_itself_is_believed():
-    wheels = Wheels(0.05, 100.0)
-    for n in range(40):  # the driver asks at its ticks, and so a little late
-        wheels.take(MeasuredSpeeds(WheelSpeeds(1.0, 2.0, 3.0, 4.0)), n * 0.06)
-        wheels.advance(n * 0.06, 0.06)
-    assert list(wheels.advance(2.4, 0.06)[1]) == pytest.approx([1.0, 2.0, 3.0, 4.0], rel=0.01)
-    assert wheels.angles[0] == pytest.approx(2.4, abs=0.13)  # two cycles
-
-
 def test_a_run_begins_at_angle_0():
-    wheels = Wheels(CYCLE_S, 30.8)
+    wheels = WheelEstimator(CYCLE_S, 30.8)
     list(drive(wheels, lambda t: 10.0, 1.0))
     wheels.reset()
     assert wheels.advance(1.0, 0.0)[0] == pytest.approx((0.0,) * 4, abs=0.5)

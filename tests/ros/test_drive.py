@@ -4,6 +4,7 @@ import math
 import struct
 
 import pytest
+from hardware.stand import emulated
 from harness import SCENARIOS, Newest
 from mecazen import keys
 from mecazen.messages import Empty, LaserScan
@@ -113,10 +114,11 @@ def test_the_owner_of_time_answers_for_the_parameters_of_a_node(node, prefix):
         assert [v.bool_value for v in cdr.decode(reply.payload, response).values] == values
 
 
-def test_the_sensors_of_a_real_robot_are_those_of_ros(up, raw_node):
-    # a robot behind a guard, as a dry run: no node publishes the scan
+def test_the_sensors_of_a_real_robot_are_those_of_ros(resources, up, raw_node):
+    """A robot behind a guard: no node publishes the scan."""
+    board = resources.enter_context(emulated())  # until the stack has ended
     services = 'services=["hardware","controller"]'
-    settings = "robot=rosmaster_x3", "hardware.dry_run=true"
+    settings = "robot=rosmaster_x3", f"hardware.port={board.line.name}"
     running = up(SCENARIOS / "teleop.toml", services, *settings)
     node, prefix = raw_node(running.endpoint), f"/{running.scenario.bus.namespace}"
     scans, health = (

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from hardware.stand import emulated
 from harness import COMMAND_GUARD_S, ROOT, Newest
 from mecazen.keys import FOLLOWER_STATE, ODOM
 
@@ -41,10 +42,15 @@ def convert(folder):
         process.wait(COMMAND_GUARD_S)
 
 
-def test_a_robot_drives_to_its_place_behind_the_person_whom_the_converter_reports(
-    stack, folder, convert
-):
-    running = stack(folder / "my_x3.toml", "hardware.dry_run=true")
+@pytest.fixture
+def port():
+    """The port of an emulated board whose wheels turn freely."""
+    with emulated() as emulator:
+        yield emulator.line.name
+
+
+def test_a_robot_follows_the_person_of_the_converter(stack, port, folder, convert):
+    running = stack(folder / "my_x3.toml", f"hardware.port={port}")
     state, odom = Newest(running.bus, FOLLOWER_STATE), Newest(running.bus, ODOM)
     running.start()
     running.wait(lambda: state.message and odom.message)

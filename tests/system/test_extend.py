@@ -5,11 +5,10 @@ import shlex
 
 import pytest
 from harness import ROOT, load_robot, mecazen
-from mecazen.config import HardwareConfig
 from mecazen.loading import load_scenario
-from mecazen.programs import imported
 from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import Identity
+from mecazen_hardware.link import make_board
 from mecazen_tools.simulation import Simulation
 
 TEXT = (ROOT / "docs" / "extend.md").read_text()
@@ -41,13 +40,16 @@ def test_a_command_of_the_page_works(folder, line):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_board_of_the_page_takes_speeds_and_reports_them(folder):
-    board = imported(f"{folder / 'my_board.py'}:MyBoard")(HardwareConfig(), load_robot())
+def test_a_board_of_the_page_takes_speeds_and_reports_angles(folder):
+    scenario = folder / "board.toml"
+    scenario.write_text('robot = "nexus"\n[hardware]\nboard = "my_board.py:MyBoard"\n')
+    board = make_board(load_scenario(scenario).hardware, load_robot())
     sent, made = board.drive(WheelSpeeds(1.0, 2.0, 3.0, 400.0))
     assert max(made) == load_robot().wheels.max_speed_rad_s
-    name, speeds = board.feed(b"mine 1\n" + sent + b"no number\n1 2 3")
+    name, wheels = board.feed(b"mine 1\n0.5 1 1.5 2\nno number\n1 2 3")
     assert (name, board.frames, board.refused) == (Identity("mine 1"), 1, 1)
-    assert list(speeds.speeds) == pytest.approx(list(made), abs=1e-3)
+    assert wheels.angles == (0.5, 1.0, 1.5, 2.0)
+    assert sent == b"%.3f %.3f %.3f %.3f\n" % made
 
 
 def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(folder):

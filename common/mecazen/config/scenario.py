@@ -27,7 +27,7 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, overlap
 from mecazen.robot import Robot
 from mecazen.robots import join_key, seed_of
-from mecazen.schema import AngleDeg, Finite, Section, SectionT
+from mecazen.schema import AngleDeg, Finite, Program, Section, SectionT
 from mecazen.ticks import ticks_per_sample
 
 
@@ -80,10 +80,6 @@ SHARED = ("physics", "hardware", "crowd", "viewer", "recorder", "collector")
 """Services that run once for all robots."""
 OBSERVERS = ("viewer", "recorder")
 """Services that no tick waits for and whose exit is no error."""
-PROGRAM = "^.+$"
-"""The pattern of a program, whose file is located as a path."""
-Program = Annotated[str, msgspec.Meta(pattern=PROGRAM)]
-"""`file.py:Class`, `module:Class`, or the name of an installed node."""
 
 
 class Process(NamedTuple):

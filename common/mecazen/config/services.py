@@ -8,7 +8,16 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from mecazen.schema import Length, Live, NonNegative, Output, Positive, Section, WheelRadius
+from mecazen.schema import (
+    Length,
+    Live,
+    NonNegative,
+    Output,
+    Positive,
+    Program,
+    Section,
+    WheelRadius,
+)
 
 
 class SimConfig(Section):
@@ -172,12 +181,10 @@ class ControllerConfig(Section):
 class HardwareConfig(Section):
     """The board of a robot, its port, and when its motors are stopped."""
 
-    board: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")] = "rosmaster_x3"
-    """An installed board, by its name."""
+    board: Program = "rosmaster_x3"
+    """The kind of board: `rosmaster_x3`, or your own as `file.py:Class`."""
     port: Annotated[str, msgspec.Meta(min_length=1)] = "/dev/ttyUSB0"
-    """A serial port, or `socket://HOST:PORT`."""
-    dry_run: bool = False
-    """Whether frames are printed instead of sent; simulated wheels then turn as commanded."""
+    """A serial port."""
     counts_per_turn: Positive | None = None
     """Encoder counts in a turn of a wheel; left out: the value in the firmware."""
     command_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.3)] = 0.2

@@ -1,7 +1,6 @@
 """The protocol of a board: converts bytes to reports, and commands to bytes, in SI units.
 
-A board is one module with one subclass of `Board`. The subclass uses neither port nor clock. Wheels
-are in mecazen's order.
+A board is a subclass of `Board`, which uses neither port nor clock. Wheels are in mecazen's order.
 """
 
 from __future__ import annotations
@@ -18,15 +17,9 @@ from mecazen.wheels import WheelSpeeds
 class WheelAngles(NamedTuple):
     """Angles of the wheels since power-on [rad], in the order of `WHEELS`."""
 
-    turned: tuple[float, float, float, float]
+    angles: tuple[float, float, float, float]
     span: float
-    """The angle at which the count of the board wraps [rad]."""
-
-
-class MeasuredSpeeds(NamedTuple):
-    """Speeds of the wheels, measured by the board [rad/s]."""
-
-    speeds: WheelSpeeds
+    """The angle at which the board's count wraps [rad]; inf: it does not wrap."""
 
 
 class Inertial(NamedTuple):
@@ -50,7 +43,7 @@ class Identity(NamedTuple):
     """Why the driver can't use the board; empty if it can."""
 
 
-Report = WheelAngles | MeasuredSpeeds | Inertial | Voltage | Identity
+Report = WheelAngles | Inertial | Voltage | Identity
 
 
 class Board(ABC):
@@ -65,9 +58,9 @@ class Board(ABC):
     """Time between two reports of the wheels [s]."""
     BAUD: ClassVar[int] = 115200
     SPACING_S: ClassVar[float]
-    """Least time between the starts of two frames to the board [s]."""
+    """Minimum time between the starts of two frames to the board [s]."""
     KINDS: ClassVar[tuple[type[Report], ...]]
-    """The reports that the board sends periodically, or on each `poll`."""
+    """The reports that the board sends periodically."""
 
     def __init__(self, config: HardwareConfig, robot: Robot) -> None:
         self.config, self.robot = config, robot
@@ -96,19 +89,11 @@ class Board(ABC):
     def stop(self) -> Sequence[bytes]:
         """Return the frames that stop all motors."""
 
-    def poll(self) -> bytes:
-        """Return the request for the next reports; empty for a board that sends them itself."""
-        return b""
-
     @abstractmethod
-    def turn_one(self, wheel: int, share: float) -> bytes:
+    def turn_wheel(self, wheel: int, share: float) -> bytes:
         """Return the frame that turns one wheel alone, for the checklist.
 
         Args:
             wheel: The wheel's number in the order of `WHEELS`.
             share: Share of the motor's full speed or voltage, from -1 to 1.
         """
-
-    @abstractmethod
-    def explain(self, frame: bytes) -> str:
-        """Return the meaning of a sent frame as text, for a dry run."""

@@ -1,4 +1,4 @@
-"""The driver of a robot: the link to its board, its wheels, and their safety stops.
+"""The driver of a robot: the link to its board, its wheels, and when its motors are stopped.
 
 The nodes `hardware` and `motors` of a process share one driver. In each tick, `hardware` runs
 before all other nodes and turns reports into the state; `motors` runs after them and turns commands
@@ -10,26 +10,84 @@ from __future__ import annotations
 import logging
 import math
 import time
+from typing import TypeVar
 
 from mecazen.config import HardwareConfig, Scenario
+from mecazen.robot import RealMotors
 from mecazen.wheels import WheelSpeeds
 
-from mecazen_hardware.board import Identity, Inertial, MeasuredSpeeds, Report, Voltage, WheelAngles
-from mecazen_hardware.boards import open_link
-from mecazen_hardware.compensation import compensated
-from mecazen_hardware.errors import HardwareError
-from mecazen_hardware.safety import NO_COMMAND, Safety
-from mecazen_hardware.wheels import Four, Wheels
+from mecazen_hardware.board import Identity, Inertial, Report, Voltage, WheelAngles
+from mecazen_hardware.link import Link
+from mecazen_hardware.port import HardwareError
+from mecazen_hardware.wheels import Four, WheelEstimator
 
 logger = logging.getLogger(__name__)
 
+REPORT_TIMEOUT_S = 0.25
+"""Time without a report of the wheels after which the motors are stopped [s]."""
 GIVE_UP_S = 1.0
 """Silence of the board after which the driver exits [s]; the motors are stopped long before."""
+STOP_AFTER_S = 0.4
+"""Age of a wheel command beyond which the motors are stopped instead of braked [s]."""
+LOW_FOR_S = 1.0
+"""Time for which the voltage has to be low [s]: starting motors lower it for a moment. The board of
+the X3 switches itself off after 2 s."""
+STILL_RAD_S = 0.05
+"""Speed below which a wheel is commanded to stand; compensating the dead band would cause
+chatter."""
+NO_COMMAND = "no command"
 STILL = WheelSpeeds()
+MeasuredT = TypeVar("MeasuredT", Inertial, Voltage)
+
+
+class Safety:
+    """Decides whether motors may run, without port and clock.
+
+    Args:
+        config: The limits.
+    """
+
+    def __init__(self, config: HardwareConfig) -> None:
+        self._config = config
+        self.is_engaged = False
+        """Whether the emergency stop is engaged."""
+        self.volts = math.nan
+        """The newest voltage [V]."""
+        self._low_since_s = math.inf
+        self._empty_volts = math.nan
+        """The voltage that stopped the motors [V]; NaN if the battery was never low for long."""
+
+    def measured(self, volts: float, now_s: float) -> None:
+        """Update with the voltage of the battery [V] at `now_s` [s]."""
+        self.volts = volts
+        is_low = volts < self._config.min_voltage_v
+        self._low_since_s = min(self._low_since_s, now_s) if is_low else math.inf
+        if math.isnan(self._empty_volts) and now_s - self._low_since_s >= LOW_FOR_S:
+            self._empty_volts = volts
+
+    def reason(self, command_age_s: float, report_age_s: float) -> str:
+        """Return the reason to stop the motors; empty if they may run.
+
+        Args:
+            command_age_s: Age of the newest wheel command [s].
+            report_age_s: Age of the newest report of the wheels [s].
+        """
+        if self.is_engaged:
+            return "emergency stop; emergency_stop/release lets it drive again"
+        if not math.isnan(self._empty_volts):
+            least = self._config.min_voltage_v
+            return f"battery was at {self._empty_volts:.1f} V; {least:g} V is the least"
+        if report_age_s > REPORT_TIMEOUT_S:
+            return "no report of the board"
+        if command_age_s > STOP_AFTER_S:
+            return NO_COMMAND
+        return ""
 
 
 class Driver:
     """Drives one robot.
+
+    The methods raise HardwareError once the port has gone, except `diagnostics` and `close`.
 
     Args:
         scenario: Names board, port and robot.
@@ -40,25 +98,19 @@ class Driver:
 
     def __init__(self, scenario: Scenario) -> None:
         self.config: HardwareConfig = scenario.hardware
-        self.link = open_link(self.config, scenario.robot)
-        board = self.link.board
-        self.wheels = Wheels(board.CYCLE_S, scenario.robot.wheels.max_speed_rad_s)
+        self.link = Link(self.config, scenario.robot)
+        cycle_s = self.link.board.CYCLE_S
+        self.wheels = WheelEstimator(cycle_s, scenario.robot.wheels.max_speed_rad_s)
         self.safety = Safety(self.config)
         self._motors = scenario.robot.motors
         self.stopped_for = ""
         """Reason for which the motors are stopped; empty if they may run."""
-        self.refused_commands = 0
-        """Number of commands that were not finite."""
-        self._fresh: dict[type[Report], Report] = {}
-        self._asked_s = self._now_s = time.monotonic()
+        self._new: dict[type[Report], Report] = {}
+        self._now_s = time.monotonic()
         logger.info("msg=%r", f"{self.config.port}: {self.link.identity.name}")
 
     def begin(self) -> None:
-        """Begin a run: stop the motors, and set the angles of the wheels to zero.
-
-        Raises:
-            HardwareError: The port has gone.
-        """
+        """Begin a run: stop the motors, and set the angles of the wheels to zero."""
         self.link.stop()
         self.wheels.reset()
 
@@ -66,48 +118,36 @@ class Driver:
         """Return the wheels' angles [rad] and speeds [rad/s] now, `dt` after the last call [s].
 
         Raises:
-            HardwareError: The port has gone, or the board has been silent for too long.
+            HardwareError: The board has been silent for too long.
         """
-        self._now_s = now_s = time.monotonic()
+        self._now_s = time.monotonic()
         for report, arrived_s in self.link.read():
-            if isinstance(report, WheelAngles | MeasuredSpeeds):
+            if isinstance(report, WheelAngles):
                 self.wheels.take(report, arrived_s)
+            elif isinstance(report, Voltage):
+                self.safety.measured(report.volts, arrived_s)
             elif isinstance(report, Identity) and report.problem:
                 raise HardwareError(f"{self.config.port}: {report.name}: {report.problem}")
-            if isinstance(report, Voltage):
-                self.safety.measured(report.volts, arrived_s)
-            self._fresh[type(report)] = report
-        if now_s - self._asked_s >= self.link.board.CYCLE_S:
-            self._asked_s = now_s
-            self.link.poll()
-        silent_s = self.report_age_s
-        if GIVE_UP_S < silent_s < math.inf:
+            self._new[type(report)] = report
+        if GIVE_UP_S < self.report_age_s < math.inf:
             raise HardwareError(
-                f"{self.config.port}: the board has been silent for {silent_s:.1f} s: is its cable "
-                "loose, or has it switched itself off on a low battery? If the robot still drives, "
-                "switch it off"
+                f"{self.config.port}: the board has been silent for {self.report_age_s:.1f} s: is "
+                "its cable loose, or has it switched itself off on a low battery? If the robot "
+                "still drives, switch it off"
             )
-        return self.wheels.advance(now_s, dt)
+        return self.wheels.advance(self._now_s, dt)
 
     @property
     def report_age_s(self) -> float:
         """Age of the newest report of the wheels [s]."""
         return self._now_s - self.wheels.reported_s
 
-    def inertial(self) -> Inertial | None:
-        """Return a new report of the inertial sensors, once."""
-        return self._fresh.pop(Inertial, None)  # type: ignore[return-value]  # by its key
-
-    def voltage(self) -> Voltage | None:
-        """Return a new report of the battery, once."""
-        return self._fresh.pop(Voltage, None)  # type: ignore[return-value]  # by its key
+    def take(self, kind: type[MeasuredT]) -> MeasuredT | None:
+        """Return a new report of a kind, once."""
+        return self._new.pop(kind, None)  # type: ignore[return-value]  # by its key
 
     def drive(self, speeds: WheelSpeeds, command_age_s: float) -> None:
-        """Send wheel speeds [rad/s], or stop the motors if they may not run.
-
-        Raises:
-            HardwareError: The port has gone.
-        """
+        """Send wheel speeds [rad/s], or stop the motors if they may not run."""
         reason = self.safety.reason(command_age_s, self.report_age_s)
         has_to_stop = bool(reason) and not self.stopped_for
         if reason not in (self.stopped_for, NO_COMMAND, ""):
@@ -118,24 +158,18 @@ class Driver:
             return
         try:
             self.link.drive(STILL if reason else compensated(speeds, self._motors))
-        except ValueError:
-            self.refused_commands += 1
+        except ValueError:  # not finite
             self.link.stop()
 
     def engage(self, *, is_engaged: bool) -> None:
-        """Engage or release the emergency stop.
-
-        Raises:
-            HardwareError: The port has gone.
-        """
+        """Engage or release the emergency stop."""
         self.safety.is_engaged = is_engaged
         if is_engaged:
             self.drive(STILL, 0.0)
 
     def diagnostics(self) -> dict[str, object]:
         """Return the state of the link and of the board."""
-        board = self.link.board
-        age_s = self.report_age_s
+        board, age_s = self.link.board, self.report_age_s
         return {
             "board": self.link.identity.name,
             "battery_v": "unknown" if math.isnan(self.safety.volts) else self.safety.volts,
@@ -151,3 +185,20 @@ class Driver:
     def close(self) -> None:
         """Stop the motors, and close the port."""
         self.link.close()
+
+
+def compensated(speeds: WheelSpeeds, motors: RealMotors | None) -> WheelSpeeds:
+    """Return the speeds to command so that the wheels turn at `speeds` [rad/s].
+
+    A motor turns at its gain times the command less the dead band: this is the inverse.
+    """
+    if motors is None:
+        return speeds
+    return WheelSpeeds(
+        *(
+            speed / gain + math.copysign(motors.dead_band_rad_s, speed)
+            if abs(speed) > STILL_RAD_S
+            else 0.0
+            for speed, gain in zip(speeds, motors.gains, strict=True)
+        )
+    )

@@ -28,9 +28,8 @@ def keep(port: int, heartbeat: int, silence_s: float, spacing_s: float, frames: 
     stops, moving = 0, False
     while True:
         ready, _, _ = select.select([heartbeat], [], [], silence_s if moving else None)
-        heard = os.read(heartbeat, 4096) if ready else b""
-        if heard:
-            moving = heard[-1:] == DRIVE
+        if beats := os.read(heartbeat, 4096) if ready else b"":
+            moving = beats[-1:] == DRIVE
             continue
         stops += 1
         for frame in frames:
@@ -45,10 +44,7 @@ def keep(port: int, heartbeat: int, silence_s: float, spacing_s: float, frames: 
 
 
 if __name__ == "__main__":
+    port, heartbeat, silence_s, spacing_s, *frames = sys.argv[1:]
     keep(
-        int(sys.argv[1]),
-        int(sys.argv[2]),
-        float(sys.argv[3]),
-        float(sys.argv[4]),
-        [bytes.fromhex(frame) for frame in sys.argv[5:]],
+        int(port), int(heartbeat), float(silence_s), float(spacing_s), [*map(bytes.fromhex, frames)]
     )

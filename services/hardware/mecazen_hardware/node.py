@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, RefusedError
@@ -22,30 +22,26 @@ from mecazen.keys import (
 from mecazen.messages import BatteryState, Header, Imu, JointState, Message, String, Vector3
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.urdf import build_meshes, build_urdf
-from mecazen.wheels import Watchdog, WheelCommand, WheelSpeeds, wheel_command
+from mecazen.wheels import Watchdog, WheelSpeeds, wheel_command
 
+from mecazen_hardware.board import Inertial, Voltage
 from mecazen_hardware.driver import Driver
 
 UNKNOWN = (-1.0, *(0.0,) * 8)
 """ROS's covariance of a quantity that is not measured."""
+_drivers: list[Driver] = []
+"""The driver that the nodes of this process share, once it is open."""
 
 
-class _Shared:
-    """The driver that the open nodes of a process share."""
+def _open(scenario: Scenario) -> Driver:
+    if not _drivers:
+        _drivers.append(Driver(scenario))
+    return _drivers[0]
 
-    driver: ClassVar[Driver | None] = None
 
-    @classmethod
-    def open(cls, scenario: Scenario) -> Driver:
-        if cls.driver is None:
-            cls.driver = Driver(scenario)
-        return cls.driver
-
-    @classmethod
-    def close(cls) -> None:
-        if cls.driver is not None:
-            cls.driver.close()
-        cls.driver = None
+def _close() -> None:
+    while _drivers:
+        _drivers.pop().close()
 
 
 class HardwareNode(Node):
@@ -64,13 +60,11 @@ class HardwareNode(Node):
         self._urdf = build_urdf(scenario.robot, scenario.controller.base_frame_id)
 
     def reset(self, seed: int) -> None:
-        """Begin a run at rest: open the port, or use the open port."""
         del seed
-        self.driver = _Shared.open(self.scenario)
+        self.driver = _open(self.scenario)
         self.driver.begin()
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the state of the robot at a tick."""
         del inputs
         angles, speeds = self.driver.measure(tick.period_s if tick.number else 0.0)
         header = Header(stamp=tick.time, frame_id="base_link")
@@ -78,68 +72,62 @@ class HardwareNode(Node):
             header, self.scenario.robot.wheels.joints, position=angles, velocity=tuple(speeds)
         )
         outputs: dict[Topic[Any], Message] = {JOINT_STATES: joints}
-        if (inertial := self.driver.inertial()) is not None:
+        if (inertial := self.driver.take(Inertial)) is not None:
             outputs[IMU] = Imu(
                 header=header,
                 orientation_covariance=UNKNOWN,
                 angular_velocity=Vector3(*inertial.angular),
                 linear_acceleration=Vector3(*inertial.force),
             )
-        if (voltage := self.driver.voltage()) is not None:
-            outputs[BATTERY_STATE] = BatteryState(
-                header=header, voltage=_float32(voltage.volts), present=True
-            )
+        if (voltage := self.driver.take(Voltage)) is not None:
+            (volts,) = struct.unpack("f", struct.pack("f", voltage.volts))  # as ROS stores it
+            outputs[BATTERY_STATE] = BatteryState(header=header, voltage=volts, present=True)
         return outputs
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
         """Return the robot's URDF."""
+        del call, request
         return String(data=self._urdf)
 
     def files(self) -> Mapping[str, Mapping[str, bytes]]:
-        """Return the meshes that the URDF names."""
         return {ROBOT_DESCRIPTION.key: build_meshes(self.scenario.robot)}
 
     def diagnostics(self) -> Mapping[str, object]:
-        """Return the state of the link and of the board."""
         return self.driver.diagnostics()
 
     def close(self) -> None:
-        """Stop the motors, and close the port."""
-        _Shared.close()
+        _close()
 
 
-class Motors(Node):
+class MotorsNode(Node):
     """Sends the newest wheel command to the board, in each tick and when a new command comes."""
 
     def reset(self, seed: int) -> None:
-        """Start with a new watchdog, without a command."""
         del seed
-        self.driver = _Shared.open(self.scenario)
+        self.driver = _open(self.scenario)
         self.watchdog = Watchdog(self.scenario)
 
     def configure(self, scenario: Scenario) -> None:
-        """Brake within the changed limits from now on."""
         super().configure(scenario)
         self.watchdog.configure(scenario)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Send the wheel speeds of a tick, or stop."""
+        del tick
         if inputs.get(EMERGENCY_STOP) is not None:
             self.driver.engage(is_engaged=True)
         joints, command = inputs.get(JOINT_COMMAND), None
         if joints is not None:
             try:
-                command = _speeds(joints, self.scenario.robot.wheels.joints)
+                command = wheel_command(joints, self.scenario.robot.wheels.joints)
             except RefusedError as refusal:
                 inputs.refuse(JOINT_COMMAND, str(refusal))
+        if command is not None and command.is_effort:
+            inputs.refuse(JOINT_COMMAND, "needs a velocity of each wheel: boards take no torques")
+            command = None
         age_s = inputs.age_s(JOINT_COMMAND)
-        wanted = self._obeyed(command, age_s)
-        self.driver.drive(WheelSpeeds(*wanted.values), age_s)
+        obeyed = self.watchdog.command(command, age_s, (0.0,) * 4)
+        self.driver.drive(WheelSpeeds(*obeyed.values), age_s)
         return {}
-
-    def _obeyed(self, command: WheelCommand | None, age_s: float) -> WheelCommand:
-        """Return the command for the motors: the newest, or a braking command if it is too old."""
-        return self.watchdog.command(command, age_s, (0.0,) * 4)
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
         """Engage or release the emergency stop."""
@@ -148,23 +136,4 @@ class Motors(Node):
         return String(data="stopped" if call is STOP_MOTORS else "released")
 
     def close(self) -> None:
-        """Stop the motors, and close the port."""
-        _Shared.close()
-
-
-def _speeds(joints: JointState, names: tuple[str, ...]) -> WheelCommand:
-    """Return the wheel speeds of a joint command.
-
-    Raises:
-        RefusedError: The command has torques, which the boards do not accept, or lacks a wheel.
-    """
-    command = wheel_command(joints, names)
-    if command.is_effort:
-        raise RefusedError("needs a velocity of each wheel: the board takes no torques")
-    return command
-
-
-def _float32(value: float) -> float:
-    """Return the nearest number that ROS can store in 32 bits."""
-    (rounded,) = struct.unpack("f", struct.pack("f", value))
-    return float(rounded)
+        _close()

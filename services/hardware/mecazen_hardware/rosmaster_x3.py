@@ -12,42 +12,33 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 from mecazen.config import HardwareConfig
 from mecazen.geometry import Twist2D
 from mecazen.robot import WHEELS, Robot
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
 
-from mecazen_hardware.board import (
-    Board,
-    Identity,
-    Inertial,
-    Report,
-    Voltage,
-    WheelAngles,
-)
+from mecazen_hardware.board import Board, Identity, Inertial, Report, Voltage, WheelAngles
 
 HEAD, TO_BOARD, TO_HOST = 0xFF, 0xFC, 0xFB
 CAR_TYPE = 1
 """Type of the X3 in the board's flash, which selects the board's kinematics."""
 CAR_TYPES = {1: "X3", 2: "X3 Plus", 3: "mini", 4: "X1", 5: "R2", 6: "Sunrise", 10: "M1"}
 
-AUTO_REPORT, RESET_STATE, DUTY, MOTION, SET_CAR_TYPE, REQUEST, VERSION = (
-    *(0x01, 0x0F, 0x10, 0x12, 0x15, 0x50, 0x51),
-)
-SPEED, MPU9250, ATTITUDE, COUNTS, ICM20948 = 0x0A, 0x0B, 0x0C, 0x0D, 0x0E
-SAVE = 0x5F
-"""Byte that makes the board write its flash, or confirms a command."""
+AUTO_REPORT, RESET_STATE, DUTY, MOTION, REQUEST = 0x01, 0x0F, 0x10, 0x12, 0x50
+STATUS, MPU9250, COUNTS, ICM20948, CAR, VERSION = 0x0A, 0x0B, 0x0D, 0x0E, 0x15, 0x51
+CONFIRM = 0x5F
+"""Byte that confirms a command; in other commands it writes the board's flash."""
 PAYLOADS = {
-    SPEED: "<hhhB",
+    STATUS: "<hhhB",
     MPU9250: "<9h",
-    ATTITUDE: "<3h",
+    0x0C: "<3h",
     COUNTS: "<4i",
     ICM20948: "<9h",
     0x13: "<B3H",
     0x14: "<B3H",
-    SET_CAR_TYPE: "<BB",
+    CAR: "<BB",
     VERSION: "<BB",
 }
 """Payloads of all frames to the host, by function, as in `struct`."""
@@ -71,13 +62,6 @@ MPU_GYRO, MPU_ACCEL, ICM = 3754.9, 1671.84, 1000.0
 """Raw numbers per rad/s, m/s², and both."""
 
 
-class Frame(NamedTuple):
-    """A frame to the host with a valid checksum."""
-
-    function: int
-    payload: tuple[int, ...]
-
-
 def frame(function: int, payload: bytes, to: int = TO_BOARD) -> bytes:
     """Return a complete frame."""
     body = bytes((len(payload) + 3, function)) + payload
@@ -97,27 +81,28 @@ class Decoder:
         self.skipped = 0
         """Number of bytes that do not belong to a frame."""
 
-    def feed(self, data: bytes) -> Iterator[Frame]:
-        """Yield the frames that the bytes complete."""
+    def feed(self, data: bytes) -> Iterator[tuple[int, tuple[int, ...]]]:
+        """Yield function and payload of each frame that the bytes complete."""
         buffer = self._buffer
         buffer += data
-        at = 0
-        while len(buffer) - at >= 4:
-            length, function = buffer[at + 2], buffer[at + 3]
-            if buffer[at] != HEAD or buffer[at + 1] != TO_HOST or LENGTHS.get(function) != length:
-                at += 1
-                self.skipped += 1
-                continue
-            end = at + 2 + length
-            if end > len(buffer):
+        begin = 0
+        while len(buffer) - begin >= 4:
+            length, function = buffer[begin + 2], buffer[begin + 3]
+            end = begin + 2 + length
+            is_start = (
+                buffer[begin] == HEAD
+                and buffer[begin + 1] == TO_HOST
+                and LENGTHS.get(function) == length
+            )
+            if is_start and end > len(buffer):
                 break
-            if sum(buffer[at + 2 : end - 1]) % 256 != buffer[end - 1]:
-                at += 1
+            if is_start and sum(buffer[begin + 2 : end - 1]) % 256 == buffer[end - 1]:
+                yield function, struct.unpack_from(PAYLOADS[function], buffer, begin + 4)
+                begin = end
+            else:
+                begin += 1
                 self.skipped += 1
-                continue
-            yield Frame(function, struct.unpack_from(PAYLOADS[function], buffer, at + 4))
-            at = end
-        del buffer[:at]
+        del buffer[:begin]
 
 
 class RosmasterX3(Board):
@@ -142,46 +127,42 @@ class RosmasterX3(Board):
         self._kinematics = MecanumKinematics(rim, LEVER_M / 2, LEVER_M / 2)
 
     def hello(self) -> Sequence[bytes]:
-        """Request the version and the type of car, and switch the reports on until the next reset.
-
-        None of these frames writes the board's flash.
-        """
-        return (
+        return (  # none of these frames writes the board's flash
             frame(AUTO_REPORT, b"\x01\x00"),
             frame(REQUEST, bytes((VERSION, 0))),
-            frame(REQUEST, bytes((SET_CAR_TYPE, 0))),
+            frame(REQUEST, bytes((CAR, 0))),
         )
 
     def feed(self, data: bytes) -> list[Report]:
-        """Return the reports that the bytes complete."""
         before = self._decoder.skipped
-        found: list[Report] = []
+        reports: list[Report] = []
         for function, payload in self._decoder.feed(data):
             self.frames += 1
-            found += self._report(function, payload)
+            if (report := self._report(function, payload)) is not None:
+                reports.append(report)
         self.refused += self._decoder.skipped > before
-        return found
+        return reports
 
-    def _report(self, function: int, payload: tuple[int, ...]) -> Iterator[Report]:
-        match function:
-            case 0x0D:
-                turned = tuple(payload[motor] * self._count for motor in ORDER)
-                yield WheelAngles(turned, 2**32 * self._count)  # type: ignore[arg-type]
-            case 0x0A:
-                yield Voltage(payload[3] / 10.0)
-            case 0x0B:
-                x, y, z, ax, ay, az = payload[:6]
-                angular = (x / MPU_GYRO, -y / MPU_GYRO, -z / MPU_GYRO)
-                yield Inertial(angular, (ax / MPU_ACCEL, ay / MPU_ACCEL, az / MPU_ACCEL))
-            case 0x0E:
-                values = [value / ICM for value in payload]
-                yield Inertial((values[0], values[1], values[2]), (values[3], values[4], values[5]))
-            case 0x51:
-                self._version = payload
-            case 0x15:
-                self._car_type = payload[0]
-        if function in {VERSION, SET_CAR_TYPE} and self._version and self._car_type:
-            yield self._identity()
+    def _report(self, function: int, payload: tuple[int, ...]) -> Report | None:
+        if function == COUNTS:
+            a, b, c, d = (payload[motor] * self._count for motor in ORDER)
+            return WheelAngles((a, b, c, d), 2**32 * self._count)
+        if function == STATUS:
+            return Voltage(payload[3] / 10.0)
+        if function == MPU9250:
+            x, y, z, ax, ay, az = payload[:6]
+            angular = (x / MPU_GYRO, -y / MPU_GYRO, -z / MPU_GYRO)
+            return Inertial(angular, (ax / MPU_ACCEL, ay / MPU_ACCEL, az / MPU_ACCEL))
+        if function == ICM20948:
+            x, y, z, ax, ay, az = payload[:6]
+            return Inertial((x / ICM, y / ICM, z / ICM), (ax / ICM, ay / ICM, az / ICM))
+        if function == VERSION:
+            self._version = payload
+        elif function == CAR:
+            self._car_type = payload[0]
+        else:
+            return None
+        return self._identity() if self._version and self._car_type else None
 
     def _identity(self) -> Identity:
         kind = CAR_TYPES.get(self._car_type, f"type {self._car_type}")
@@ -191,53 +172,22 @@ class RosmasterX3(Board):
         return Identity(name, f"it is set to the car {kind}, whose wheels turn otherwise; set X3")
 
     def drive(self, speeds: WheelSpeeds) -> tuple[bytes, WheelSpeeds]:
-        """Return the frame of the twist nearest to wheel speeds, scaled to the limits.
-
-        Raises:
-            ValueError: A speed is not finite.
-        """
+        """Return the frame of the twist nearest to wheel speeds, scaled to the limits."""
         if not all(map(math.isfinite, speeds)):
             raise ValueError(f"wheel speeds must be finite, not {tuple(speeds)}")
-        numbers = _whole(self._within(self._kinematics.forward(speeds)))
-        sent = self._kinematics.inverse(Twist2D(*(number / 1000.0 for number in numbers)))
-        return frame(MOTION, struct.pack("<B3h", CAR_TYPE, *numbers)), sent
-
-    def _within(self, twist: Twist2D) -> Twist2D:
-        """Scale a twist, without a change of direction, to the limits of wheels and board."""
-        rim = abs(twist.x) + abs(twist.y) + LEVER_M * abs(twist.yaw)
-        limits = zip(twist, TWIST_LIMITS, strict=True)
-        excess = max(rim / RIM_LIMIT_M_S, *(abs(value) / limit for value, limit in limits))
-        return twist if excess <= 1.0 else Twist2D(*(value / excess for value in twist))
+        twist = self._kinematics.forward(speeds)
+        rim_m_s = abs(twist.x) + abs(twist.y) + LEVER_M * abs(twist.yaw)
+        shares = (abs(value) / limit for value, limit in zip(twist, TWIST_LIMITS, strict=True))
+        excess = max(1.0, rim_m_s / RIM_LIMIT_M_S, *shares)
+        numbers = [round(1000.0 * value / excess) for value in twist]
+        driven = self._kinematics.inverse(Twist2D(*(number / 1000.0 for number in numbers)))
+        return frame(MOTION, struct.pack("<B3h", CAR_TYPE, *numbers)), driven
 
     def stop(self) -> Sequence[bytes]:
-        """Return zero motion and a reset of the board's state, each twice: a frame may be lost."""
         zero = frame(MOTION, struct.pack("<B3h", CAR_TYPE, 0, 0, 0))
-        return (zero, frame(RESET_STATE, bytes((SAVE,)))) * 2
+        return (zero, frame(RESET_STATE, bytes((CONFIRM,)))) * 2  # a frame may be lost
 
-    def turn_one(self, wheel: int, share: float) -> bytes:
-        """Return the frame that gives one motor a duty [%] and lets the others coast."""
-        duty = [0] * len(WHEELS)
+    def turn_wheel(self, wheel: int, share: float) -> bytes:
+        duty = [0] * len(WHEELS)  # the others coast
         duty[ORDER.index(wheel)] = round(100.0 * max(-1.0, min(share, 1.0)))
         return frame(DUTY, struct.pack("<4b", *duty))
-
-    def explain(self, sent: bytes) -> str:
-        """Return the meaning of a frame as text."""
-        function, payload = sent[3], sent[4:-1]
-        match function:
-            case 0x12:
-                x, y, yaw = (value / 1000 for value in struct.unpack("<3h", payload[1:]))
-                return f"motion {x:+.3f} m/s {y:+.3f} m/s {yaw:+.3f} rad/s"
-            case 0x0F:
-                return "reset state"
-            case 0x10:
-                return f"duty {struct.unpack('<4b', payload)} %"
-            case 0x01:
-                return "reports on"
-            case 0x50:
-                return f"request {payload[0]:#04x}"
-        return f"function {function:#04x}"
-
-
-def _whole(twist: Twist2D) -> list[int]:
-    """Return a twist in mm/s and mrad/s."""
-    return [round(1000.0 * value) for value in twist]

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 
 from mecazen.wheels import WheelSpeeds
 
-from mecazen_hardware.board import MeasuredSpeeds, WheelAngles
+from mecazen_hardware.board import WheelAngles
 
 FASTER = 1.5
 """Multiple of the wheels' maximum speed beyond which a change of angle counts as a jump."""
@@ -27,7 +27,7 @@ AHEAD_CYCLES = 2.0
 Four = tuple[float, float, float, float]
 
 
-class Wheels:
+class WheelEstimator:
     """Estimates the wheels' angles and speeds at any time from reports.
 
     Args:
@@ -44,60 +44,48 @@ class Wheels:
         self._last: WheelAngles | None = None
         self.reported_s = -math.inf
         """Arrival of the newest report [s]."""
-        self._measured = WheelSpeeds()
+        self._measured: Four = (0.0,) * 4
+        """Speeds between the last two reports [rad/s]."""
         self._turned: Four = (0.0,) * 4
         """Sum of the changes in the reports [rad]."""
         self.angles: Four = (0.0,) * 4
         """The angles that `advance` returned last: the integral of its speeds [rad]."""
 
-    def take(self, report: WheelAngles | MeasuredSpeeds, now_s: float) -> None:
+    def take(self, report: WheelAngles, now_s: float) -> None:
         """Update with a report that arrived at `now_s` [s]."""
         elapsed_s = now_s - self.reported_s
-        cycles = max(1, round(min(elapsed_s / self._cycle_s, MOST_CYCLES)))
-        interval_s = cycles * self._cycle_s
-        if isinstance(report, MeasuredSpeeds):
-            # a speed holds until the next report, which comes on the driver's request
-            interval_s = elapsed_s if 0.0 < elapsed_s < math.inf else self._cycle_s
-            change = _four(speed * interval_s for speed in report.speeds)
-        elif self._last is None:
-            change = (0.0,) * 4
-        else:
-            pairs = zip(report.turned, self._last.turned, strict=True)
-            change = _four(math.remainder(new - old, report.span) for new, old in pairs)
+        interval_s = self._cycle_s * max(1, round(min(elapsed_s / self._cycle_s, MOST_CYCLES)))
+        pairs = zip(report.angles, (self._last or report).angles, strict=True)
+        change = _four(math.remainder(new - old, report.span) for new, old in pairs)
         most = FASTER * self._max_speed * interval_s
         if max(map(abs, change)) > most:
             self.jumps += 1
             self._doubted += 1
             if self._doubted < BELIEVED_AFTER:
                 return  # a single damaged number: the next report contains the missed change
-            went_on = (speed * interval_s for speed in self._measured)
-            pairs = zip(change, went_on, strict=True)
-            change = _four(new if abs(new) <= most else same for new, same in pairs)
+            change = _four(
+                angle if abs(angle) <= most else speed * interval_s
+                for angle, speed in zip(change, self._measured, strict=True)
+            )
         self._doubted = 0
-        if isinstance(report, WheelAngles):
-            self._last = report
+        self._last = report
         self.reported_s = now_s
-        self._measured = WheelSpeeds(*(angle / interval_s for angle in change))
+        self._measured = _four(angle / interval_s for angle in change)
         self._turned = _four(map(sum, zip(self._turned, change, strict=True)))
 
     def advance(self, now_s: float, dt: float) -> tuple[Four, WheelSpeeds]:
         """Return angles [rad] and speeds [rad/s] at `now_s`, `dt` after the last call [s]."""
-        ahead_s = min(max(now_s - self.reported_s, 0.0), AHEAD_CYCLES * self._cycle_s)
-        measured = self._measured
-        if ahead_s == AHEAD_CYCLES * self._cycle_s:
-            measured = WheelSpeeds()
-        share = 1.0 / max(self._cycle_s, dt)
-        speeds = WheelSpeeds(
-            *(
-                speed + (turned + reported * ahead_s - angle - speed * dt) * share
-                for speed, reported, turned, angle in zip(
-                    measured, self._measured, self._turned, self.angles, strict=True
-                )
-            )
-        )
-        moved = (angle + speed * dt for angle, speed in zip(self.angles, speeds, strict=True))
-        self.angles = _four(moved)
-        return self.angles, speeds
+        limit_s = AHEAD_CYCLES * self._cycle_s
+        ahead_s = min(max(now_s - self.reported_s, 0.0), limit_s)
+        correction_s = max(self._cycle_s, dt)
+        angles, speeds = [], []
+        for turned, measured, angle in zip(self._turned, self._measured, self.angles, strict=True):
+            speed = measured if ahead_s < limit_s else 0.0
+            error = turned + measured * ahead_s - (angle + speed * dt)
+            speeds.append(speed + error / correction_s)
+            angles.append(angle + speeds[-1] * dt)
+        self.angles = _four(angles)
+        return self.angles, WheelSpeeds(*speeds)
 
     def reset(self) -> None:
         """Set the angles to zero."""

@@ -1,11 +1,14 @@
-"""A serial line that ends in a pseudo-terminal, with the transmission time of a real line."""
+"""The emulated board in real time: a serial line that ends in a pseudo-terminal, and its clock."""
 
 from __future__ import annotations
 
 import errno
 import os
 import pty
+import select
 import termios
+import threading
+import time
 import tty
 from collections import deque
 from contextlib import suppress
@@ -13,11 +16,21 @@ from pathlib import Path
 
 from mecazen.errors import MecazenError
 
-BYTES_PER_MS = 11.52
-"""115200 baud, 8N1: ten bits for a byte."""
+from mecazen_hardware.emulator.firmware import Firmware
+from mecazen_hardware.emulator.world import TICK_MS, EmulatedWorld
+
+BYTES_PER_MS = 11
+"""115200 baud, 8N1: ten bits for a byte, so 11.52, rounded down."""
+GAP_S = 0.002
+"""Minimum time between two frames so that the board receives both [s]."""
+MAX_LAG_MS = 1000
+"""Lag up to which the emulator catches up; beyond it, its time falls behind the wall clock [ms]."""
+PRIORITY = 2
+"""Real-time priority, above the driver's: a real board does not compete for the host's
+processor."""
 
 
-class Line:
+class SerialLine:
     """The board's end of a line; `name` is the host's end, for `serial.Serial`.
 
     Args:
@@ -28,62 +41,14 @@ class Line:
     """
 
     def __init__(self, link: Path | None = None) -> None:
-        self._master, self._slave = pty.openpty()
+        self.fd, self._slave = pty.openpty()
         tty.setraw(self._slave)  # otherwise the terminal echoes the board's bytes
-        os.set_blocking(self._master, False)
+        os.set_blocking(self.fd, False)
         self.name = os.ttyname(self._slave)
-        self._link = link
+        self._out = b""
         if link is not None:
             self._place(link)
-        self._out: deque[int] = deque()
-        self._room = 0.0
-        self.is_open = True
-
-    @property
-    def fd(self) -> int:
-        """The file descriptor that becomes readable when the host has sent something."""
-        return self._master
-
-    def read(self) -> bytes:
-        """Return what the host has sent."""
-        try:
-            return os.read(self._master, 4096)
-        except BlockingIOError:
-            return b""
-
-    def send(self, data: bytes) -> None:
-        """Queue bytes for the host, after those that are still on the line."""
-        self._out.extend(data)
-
-    @property
-    def waiting(self) -> int:
-        """Number of bytes that are still on the line."""
-        return len(self._out)
-
-    def millisecond(self) -> None:
-        """Transmit the bytes that the line carries in a millisecond."""
-        self._room = min(self._room + BYTES_PER_MS, 2 * BYTES_PER_MS)
-        count = min(int(self._room), len(self._out))
-        if not count:
-            return
-        self._room -= count
-        data = bytes(self._out.popleft() for _ in range(count))
-        try:
-            os.write(self._master, data)
-        except BlockingIOError:
-            termios.tcflush(self._slave, termios.TCIFLUSH)  # no one reads: discard the old bytes
-
-    def unplug(self) -> None:
-        """Remove the port, as if its cable were pulled."""
-        self.is_open = False
-        os.close(self._master)
-        os.close(self._slave)
-        self._unlink()
-
-    def close(self) -> None:
-        """Remove the port."""
-        if self.is_open:
-            self.unplug()
+        self._link = link
 
     def _place(self, link: Path) -> None:
         if link.is_symlink() and not link.exists():
@@ -91,12 +56,82 @@ class Line:
         try:
             link.symlink_to(self.name)
         except OSError as error:
-            os.close(self._master)
-            os.close(self._slave)
-            why = "taken" if error.errno == errno.EEXIST else error.strerror
-            raise MecazenError(f"--link {link}: {why}; another emulator may have it") from None
+            reason = "taken" if error.errno == errno.EEXIST else error.strerror
+            raise MecazenError(f"--link {link}: {reason}; another emulator may have it") from None
 
-    def _unlink(self) -> None:
+    def read(self) -> bytes:
+        """Return what the host has sent."""
+        try:
+            return os.read(self.fd, 4096)
+        except BlockingIOError:
+            return b""
+
+    def millisecond(self, data: bytes) -> None:
+        """Queue bytes for the host, and transmit what the line carries in a millisecond."""
+        self._out += data
+        carried, self._out = self._out[:BYTES_PER_MS], self._out[BYTES_PER_MS:]
+        try:
+            os.write(self.fd, carried)
+        except BlockingIOError:
+            termios.tcflush(self._slave, termios.TCIFLUSH)  # no one reads: discard the old bytes
+
+    def close(self) -> None:
+        """Remove the port, as if its cable were pulled."""
+        os.close(self.fd)
+        os.close(self._slave)
         if self._link is not None:
-            with suppress(FileNotFoundError):
-                self._link.unlink()
+            self._link.unlink(missing_ok=True)
+
+
+class Emulator:
+    """An emulated ROSMASTER X3: passes bytes and time to the firmware, and duties to the world."""
+
+    def __init__(self, line: SerialLine, world: EmulatedWorld, firmware: Firmware) -> None:
+        self.line, self.world, self.firmware = line, world, firmware
+        self._ms = 0
+        self._incoming: deque[tuple[int, bool]] = deque()
+        """Bytes from the host, each with whether there was a gap before it."""
+        self._looked_s = self._earliest_s = time.monotonic()
+
+    def run(self, stopped: threading.Event) -> None:
+        """Run in real time until an event."""
+        with suppress(PermissionError):  # as for the other processes of a stack
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
+        begin_s = time.monotonic()
+        while not stopped.is_set():
+            due_ms = 1000.0 * (time.monotonic() - begin_s)
+            if due_ms - self._ms > MAX_LAG_MS:
+                begin_s += (due_ms - self._ms) / 1000.0
+                continue
+            while self._ms < int(due_ms):
+                self.receive()
+                self.millisecond()
+            wait_s = begin_s + (self._ms + 1) / 1000.0 - time.monotonic()
+            select.select([self.line.fd], [], [], max(wait_s, 0.0))
+            self.receive()
+
+    def receive(self) -> None:
+        """Take the bytes that the host has sent since the last call.
+
+        A pseudo-terminal has no times of arrival: bytes came at any time since the last call. The
+        emulator assumes a gap between two frames if their possible times allow it.
+        """
+        now_s, last_s = time.monotonic(), self._looked_s
+        self._looked_s = now_s
+        if data := self.line.read():
+            before, within = now_s - self._earliest_s >= GAP_S, now_s - last_s >= GAP_S
+            self._incoming.extend((byte, within if n else before) for n, byte in enumerate(data))
+            self._earliest_s = last_s
+
+    def millisecond(self) -> None:
+        """Advance line, firmware and world by a millisecond."""
+        for _ in range(min(BYTES_PER_MS, len(self._incoming))):
+            byte, had_gap = self._incoming[0]
+            if self.firmware.frame and had_gap:
+                break
+            self._incoming.popleft()
+            self.firmware.receive(byte)
+        self.line.millisecond(self.firmware.millisecond(self.world.measured))
+        self._ms += 1
+        if self._ms % TICK_MS == 0:
+            self.world.step(self.firmware.duty)

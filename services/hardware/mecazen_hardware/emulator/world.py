@@ -5,30 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from mecazen.config import Scenario
-from mecazen.graph import GRAPH
-from mecazen.keys import GROUND_TRUTH, IMU, JOINT_COMMAND, JOINT_STATES, Topic
+from mecazen.keys import GROUND_TRUTH, IMU, JOINT_COMMAND, JOINT_STATES
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.messages import Header, Imu, JointState, Message, Odometry
-from mecazen.wire import Stamp
-from mecazen_tools.simulation import Simulation
-from mecazen_tools.trajectory import Scores
-from msgspec.structs import replace
+from mecazen.messages import Header, Imu, JointState, Odometry
+from mecazen.node import Inputs, Node, Tick
+from mecazen.programs import find
 
 from mecazen_hardware.emulator.firmware import Instruments
 
 TICK_MS = 5
-ROBOT = "rosmaster_x3"
 ORDER = (0, 2, 1, 3)
 """The wheels of the motors m1 to m4, as indices in mecazen's order; the permutation is its own
 inverse."""
-SENSED = ("target", "sensors", "crowd")
-"""Services of a scenario outside the robot's stack: persons, and drivers of sensors."""
-HIDDEN = {JOINT_STATES, IMU}
-"""Outputs that the host receives only from the board."""
-ENDLESS_S = 1e6
 
 RESISTANCE_OHM = 4.5
 BACK_EMF_V_S = 0.34
@@ -63,130 +53,71 @@ def motor_torque(volts: float | None, speed: float) -> tuple[float, float]:
     return -running * speed / STILL_RAD_S, current
 
 
-def load(path: Path, overrides: Sequence[str], tick_ms: int = TICK_MS) -> Scenario:
-    """Return the world around the emulated board: a scenario without the services of a robot.
+def load(path: Path, overrides: Sequence[str]) -> Scenario:
+    """Load a scenario with the robot of the board.
 
     Raises:
         ConfigError: One line with the file, the key and what is allowed.
     """
-    scenario = load_scenario(
-        path,
-        {
-            "robot": ROBOT,
-            "sensor.frame": "base_link",
-            **parse_settings(overrides),
-            "sim.tick_s": tick_ms / 1000,
-            "sim.duration_s": ENDLESS_S,
-            "physics.dt_s": tick_ms / 1000,
-            "physics.motors": "ideal",  # this module models the board's motors
-        },
-    )
-    also = (*scenario.sensor.also, *({"imu"} - {*scenario.sensor.also}))
-    return replace(
-        scenario,
-        services=("physics", *(name for name in scenario.services if name in SENSED)),
-        sensor=replace(scenario.sensor, also=also),
-    )
+    settings = {
+        "robot": "rosmaster_x3",
+        **parse_settings(overrides),
+        "sim.tick_s": TICK_MS / 1000,
+        "physics.dt_s": TICK_MS / 1000,
+        "physics.motors": "ideal",  # this module models the board's motors
+        "sensor.also": ["imu"],
+    }
+    return load_scenario(path, settings)
 
 
 class EmulatedWorld:
-    """Robot, persons and sensors around a board; the world rests until `begin`.
+    """The robot around a board, on level ground.
 
     Args:
         scenario: The return value of `load`.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = scenario
-        self.sim = Simulation(scenario)
-        self.battery_v = scenario.sensors.battery.voltage_v
-        """Voltage without load [V]."""
-        self.has_begun = False
-        self.news: dict[Topic[Any], Message] = {}
-        """Newest unpublished messages of sensors and persons."""
-        self._current = 0.0
-        self._angles: Sequence[float] = (0.0,) * 4
-        self._speeds: Sequence[float] = (0.0,) * 4
-        self._imu = Imu()
-        self._attitude = (0.0,) * 3
-        self._command = self.sim.bus.publisher(JOINT_COMMAND)
-        bus = self.sim.bus
-        bus.subscribe(JOINT_STATES, self._on_joints)
-        bus.subscribe(GROUND_TRUTH, self._on_truth)
-        bus.subscribe(IMU, self._on_imu)
-        for row in GRAPH:
-            if row.part_of in ("physics", *SENSED) and not row.owns_time:
-                for topic in (topic for topic in row.outputs if topic not in HIDDEN):
-                    bus.subscribe(topic, self._noting(topic))
-        self.time_ns = 0
+    measured: Instruments
+    """The newest measurements of the board's instruments."""
 
-    def begin(self) -> None:
-        """Start the time: persons start to walk as the scenario specifies."""
-        self.has_begun = True
-        self.sim.reset()
+    def __init__(self, scenario: Scenario) -> None:
+        self._joints = scenario.robot.wheels.joints
+        self._battery_v = scenario.sensors.battery.voltage_v
+        self._imu = Imu()
+        self._ticks = 0
+        physics = find("physics", {})
+        assert issubclass(physics, Node)
+        self._physics = physics(scenario)
+        self._physics.reset(scenario.seed)
+        self._advance((0.0,) * 4, 0.0)
 
     def step(self, duty: Sequence[float | None]) -> None:
         """Advance by a tick with a share of the battery's voltage at each motor, m1 to m4."""
-        volts = self.volts
-        efforts, current = [0.0] * 4, 0.0
-        for motor, wheel in enumerate(ORDER):
-            share = duty[motor]
-            applied = None if share is None else share * volts
-            efforts[wheel], drawn = motor_torque(applied, self._speeds[wheel])
-            current += max(drawn * (share or 0.0), 0.0)
-        self._current = current
-        message = JointState(Header(), self.scenario.robot.wheels.joints, effort=tuple(efforts))
-        self._command.put(message, None)
-        self.sim.step()
-        self.time_ns = self.sim.clock.stamp.time_ns
+        efforts, drawn = [0.0] * 4, 0.0
+        for share, wheel in zip(duty, ORDER, strict=True):
+            volts = None if share is None else share * self.measured.volts
+            efforts[wheel], current = motor_torque(volts, self._speeds[wheel])
+            drawn += max(current * (share or 0.0), 0.0)
+        self._advance(efforts, drawn)
 
-    @property
-    def volts(self) -> float:
-        """Voltage of the battery under load [V]."""
-        return self.battery_v - SUPPLY_OHM * self._current
-
-    def sense(self) -> Instruments:
-        """Return what the board senses now."""
-        a, b, c, d = (self._angles[wheel] for wheel in ORDER)
+    def _advance(self, efforts: Sequence[float], drawn: float) -> None:
+        """Advance by a tick with torques at the wheels [N·m] and a current of the battery [A]."""
+        tick = Tick(self._ticks, self._ticks * TICK_MS * 1_000_000, TICK_MS / 1000)
+        self._ticks += 1
+        command = JointState(Header(), self._joints, effort=tuple(efforts))
+        outputs = self._physics.step(tick, Inputs({JOINT_COMMAND: command}))
+        joints, truth = outputs[JOINT_STATES], outputs[GROUND_TRUTH]
+        assert isinstance(joints, JointState)
+        assert isinstance(truth, Odometry)
+        if isinstance(imu := outputs.get(IMU), Imu):
+            self._imu = imu
+        self._speeds = joints.velocity[:4]
+        a, b, c, d = (joints.position[wheel] for wheel in ORDER)
         turn, force = self._imu.angular_velocity, self._imu.linear_acceleration
-        return Instruments(
-            (a, b, c, d),
-            self.volts,
-            (turn.x, turn.y, turn.z),
-            (force.x, force.y, force.z),
-            self._attitude,
+        self.measured = Instruments(
+            angles=(a, b, c, d),
+            volts=self._battery_v - SUPPLY_OHM * drawn,
+            gyro=(turn.x, turn.y, turn.z),
+            accel=(force.x, force.y, force.z),
+            attitude=(0.0, 0.0, truth.pose.pose.to_planar().yaw),
         )
-
-    def scores(self) -> Scores:
-        """Return the scores of following so far, from the ground truth."""
-        return self.sim.scores()
-
-    def close(self) -> None:
-        """Close the services."""
-        self.sim.close()
-
-    def _noting(self, topic: Topic[Any]) -> Any:
-        def note(message: Message, stamp: Stamp | None) -> None:
-            del stamp
-            self.news[topic] = message
-
-        return note
-
-    def _on_joints(self, joints: JointState, stamp: Stamp | None) -> None:
-        del stamp
-        self._angles, self._speeds = joints.position[:4], joints.velocity[:4]
-
-    def _on_truth(self, odometry: Odometry, stamp: Stamp | None) -> None:
-        del stamp
-        q = odometry.pose.pose.orientation
-        self._attitude = _roll_pitch_yaw(q.x, q.y, q.z, q.w)
-
-    def _on_imu(self, imu: Imu, stamp: Stamp | None) -> None:
-        del stamp
-        self._imu = imu
-
-
-def _roll_pitch_yaw(x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(2 * (w * y - z * x), 1.0)))
-    return roll, pitch, math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
