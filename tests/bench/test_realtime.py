@@ -6,7 +6,9 @@ from mecazen_bench import realtime
 def test_a_stack_in_real_time_is_measured_by_process(figures):
     rows = figures(realtime.run(window_s=1.0))
     services = ["physics", "controller", "target", "follower"]
-    assert sorted(rows) == sorted(["router", *services, "parent", "up", "all", "mecazen up"])
+    assert sorted(rows) == sorted(
+        ["router", *services, "fork server", "tracker", "up", "all", "mecazen up"]
+    )
     for name in services:
         assert rows[name]["% of a core"].value > 0.0
         assert rows[name]["MB"].value > 1.0

@@ -1,8 +1,8 @@
-"""The server of `multiprocessing` that forks processes, and shares with them what it has imported.
+"""The fork server of `multiprocessing`, whose processes share the modules that it has imported.
 
-It is in the terminal's process group, as this program is, and must survive Ctrl-C: only this
-program decides when processes end. So it, and each process before it has a session of its own,
-block the signals that ask to end. It ends with this program, for whatever reason this ends.
+Ctrl-C in a terminal reaches this program and the server. Only this program ends processes. So the
+server blocks the signals that ask to end, and a process blocks them until it has its own session.
+The server ends with this program, even if this program is killed.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that ask a process to end."""
 
 CONTEXT = get_context("forkserver")
-CONTEXT.set_forkserver_preload(
-    [
-        "mecazen_tools.processes",
-        "mecazen_physics.node",
-        "mecazen_controller.node",
-        "mecazen_target.node",
-        "mecazen_follower.node",
-        "mecazen_follower.perception.node",
-    ]
-)
+IMPORTED = [
+    "mecazen_tools.processes",
+    "mecazen_physics.node",
+    "mecazen_controller.node",
+    "mecazen_target.node",
+    "mecazen_follower.node",
+    "mecazen_follower.perception.node",
+]
+"""Modules that the server imports, if they are installed."""
 
 
 def start_server() -> None:
-    """Start the server, unless it runs; it imports what processes need meanwhile."""
+    """Start the server, unless it runs; it imports while this program goes on."""
+    CONTEXT.set_forkserver_preload(IMPORTED)
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # else it has threads, which a fork would not have
     resource_tracker.ensure_running()  # the server would start it, and unblock the signals
     with starting():

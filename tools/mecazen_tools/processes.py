@@ -65,6 +65,7 @@ class _Part:
     """Its services and robot."""
     needed: bool
     child: ForkServerProcess = field(init=False)
+    pid: int = field(init=False)
     log: FileIO = field(init=False)
     """Its standard error, not blocking."""
     begun: bytes = b""
@@ -109,7 +110,7 @@ class Supervisor:
     @property
     def pids(self) -> dict[str, int]:
         """The process of each name that was started."""
-        return {name: part.child.pid or 0 for name, part in self._parts.items()}
+        return {name: part.pid for name, part in self._parts.items()}
 
     def works(self, name: str) -> bool:
         """Return whether a process had logged by the last `poll` that it works."""
@@ -137,7 +138,8 @@ class Supervisor:
             except (ConnectionError, EOFError):
                 os.close(out)
                 raise ProcessError(f"{part.process.name}: the fork server has ended") from None
-        part.log = FileIO(out)
+        assert part.child.pid is not None  # as for every process that has begun
+        part.pid, part.log = part.child.pid, FileIO(out)
         for source in (part.log, part.child.sentinel):
             self._sources.register(source, EVENT_READ, part)
 
@@ -184,7 +186,7 @@ class Supervisor:
                 self._ended.append(part)
             if part.child.exitcode == SERVER_ENDED:
                 with suppress(ProcessLookupError):
-                    os.kill(part.child.pid or 0, signal.SIGKILL)
+                    os.kill(part.pid, signal.SIGKILL)
         return bool(ready)
 
     def _take_line(self, part: _Part, text: str) -> None:
