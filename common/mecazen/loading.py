@@ -147,7 +147,7 @@ def from_tables(
     for name in NO_KEYS:
         if name in raw:
             raise ConfigError(f"{path}: unknown key '{name}'")
-    settings, folder = _in_toml(settings), path.parent.resolve()
+    settings, folder = in_toml(settings), path.parent.resolve()
     # programs come first, since their sections are part of the scenario's type
     first = [key for key in settings if key.partition(".")[0] in ("programs", "services")]
     raw = _with_paths(mi.type_info(Scenario), raw, folder)
@@ -158,7 +158,7 @@ def from_tables(
     types = mi.type_info(kind)
     raw = _with_paths(types, raw, folder)
     # a whole part comes before its keys, and a kind before the keys of that kind
-    for key in sorted(settings, key=lambda key: (key not in _PARTS, not key.endswith("kind"))):
+    for key in sorted(settings, key=lambda key: (key not in _PARTS, key.split(".")[-1] != "kind")):
         if key not in first:
             override(raw, types, key, settings[key])
     robots = _tables(raw.get("robots"))
@@ -174,8 +174,12 @@ def from_tables(
     return convert(raw, kind, path, settings, opens_files=opens_files)
 
 
-def _in_toml(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings with values as in TOML."""
+def in_toml(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings with values as in TOML.
+
+    Raises:
+        ConfigError: TOML has no such value.
+    """
     tables = {}
     for key, value in settings.items():
         try:
@@ -364,7 +368,7 @@ def load_bus(path: Path, settings: Mapping[str, Any] = {}) -> BusConfig:
     tables = {"bus": read_toml(path).get("bus", {})}
     types = mi.type_info(Scenario)
     tables = _with_paths(types, tables, path.parent.resolve())
-    settings = _in_toml(settings)
+    settings = in_toml(settings)
     for key, value in settings.items():
         if key.partition(".")[0] == "bus":
             override(tables, types, key, value)

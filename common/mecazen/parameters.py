@@ -6,7 +6,7 @@ by its key and in TOML, with the same ranges.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import msgspec.inspect as mi
@@ -16,7 +16,7 @@ from mecazen.errors import ConfigError
 from mecazen.explain import describe, suggestion
 from mecazen.files import parse_value, to_value
 from mecazen.graph import SERVICES
-from mecazen.loading import convert, effective, override
+from mecazen.loading import convert, effective, in_toml, override
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
 from mecazen.schema import Section, is_live, members
 from mecazen.text import printable
@@ -110,28 +110,38 @@ def to_text(value: Any) -> str:
     return "" if value is None else to_value(value)
 
 
-def settings_of(message: Parameters) -> dict[str, str]:
-    """Return the values of a message by their keys, the last one last."""
-    settings: dict[str, str] = {}
+def settings_of(message: Parameters) -> dict[str, Any]:
+    """Return the values of a message by their keys, the last one last; None: left out.
+
+    Raises:
+        ConfigError: A value is not in TOML.
+    """
+    settings: dict[str, Any] = {}
     for parameter in message.parameters:
         settings.pop(parameter.name, None)
-        settings[parameter.name] = parameter.value
+        try:
+            value = parse_value(parameter.value) if parameter.value else None
+        except ConfigError as error:
+            raise ConfigError(printable(f"{parameter.name}: {error}")) from None
+        settings[parameter.name] = value
     return settings
 
 
-def to_message(settings: Mapping[str, str]) -> tuple[Parameter, ...]:
+def to_message(settings: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return settings as parameters of a message: the inverse of `settings_of`."""
-    return tuple(Parameter(name=name, value=value) for name, value in settings.items())
+    return tuple(Parameter(name=name, value=to_text(value)) for name, value in settings.items())
 
 
-def refuse_unknown(scenario: Scenario, settings: Mapping[str, str]) -> None:
+def refuse_unknown(scenario: Scenario, settings: Iterable[str]) -> None:
     """Refuse settings that are no parameters.
 
     Raises:
         ConfigError: A setting is no parameter; the message has a suggestion.
     """
     known = parameters(scenario)
-    for key in settings.keys() - known.keys():
+    for key in settings:
+        if key in known:
+            continue
         section = key.partition(".")[0]
         if section in SERVICES and section not in scenario.services:
             problem = f"{section} takes no part in this scenario"
@@ -151,26 +161,21 @@ def _is_setting(scenario: Scenario, key: str) -> bool:
     return value is not None
 
 
-def changed(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
+def changed(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
     """Return a scenario with changed parameters; a key without a robot's name is for all robots.
 
     Raises:
         ConfigError: A value, or the scenario with it, is not allowed.
     """
-    values: dict[str, str] = {}
-    for key, text in settings.items():
+    values: dict[str, Any] = {}
+    for key, value in in_toml(settings).items():
         section = key.partition(".")[0]
         for robot in scenario.robots:
             of_robot = f"{ROBOTS}.{robot.name}.{key}"
             if section in robot.own or of_robot in values:
-                values[of_robot] = text
-        values[key] = text
+                values[of_robot] = value
+        values[key] = value
     tables, types = effective(scenario), mi.type_info(type(scenario))
-    known = parameters(scenario)
-    for key, text in values.items():
-        left_out = not text and key in known and _is_optional(known[key].kind)
-        try:
-            override(tables, types, key, None if left_out else parse_value(text))
-        except ConfigError as error:
-            raise ConfigError(f"{key}: {error}") from None
+    for key, value in values.items():
+        override(tables, types, key, value)
     return convert(tables, type(scenario), "")

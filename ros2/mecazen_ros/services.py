@@ -19,7 +19,7 @@ from mecazen.errors import BusError, RefusedError
 from mecazen.files import parse_value
 from mecazen.keys import Call
 from mecazen.messages import Message
-from mecazen.parameters import ROBOTS, to_message, to_text
+from mecazen.parameters import ROBOTS, to_message
 
 from mecazen_ros.types import message
 
@@ -186,7 +186,7 @@ class NodeParameters:
     def _set(self, parameters: Sequence[Any]) -> Any:
         descriptors, call = self._descriptors(), keys.SET_PARAMETERS
         try:
-            settings = {self._key(new.name, descriptors): _toml(new) for new in parameters}
+            settings = {self._key(new.name, descriptors): _set_value(new) for new in parameters}
             self._ask(call, m.Parameters(parameters=to_message(settings)))
         except (RefusedError, BusError) as error:
             reason = str(error).removeprefix(f"{call.key}: ")
@@ -228,15 +228,15 @@ def _value(parameter: m.ParameterDescriptor) -> Any:
     return ParameterValue(STRING, string_value=text)
 
 
-def _toml(parameter: Any) -> str:
-    """Return a value in TOML; empty if it is not set, which leaves the setting out."""
+def _set_value(parameter: Any) -> Any:
+    """Return the value of a parameter; None if it is not set, which leaves the setting out."""
     number = parameter.value.type
     if not number:
-        return ""
+        return None
     if number >= len(FIELDS):
         raise RefusedError(f"{parameter.name}: there is no type {number}")
     value = getattr(parameter.value, FIELDS[number])
-    return to_text([*value] if isinstance(value, tuple | bytes) else value)
+    return [*value] if isinstance(value, tuple | bytes) else value
 
 
 def _descriptor(name: str, parameter: m.ParameterDescriptor) -> Any:

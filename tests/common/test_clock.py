@@ -279,13 +279,13 @@ def test_a_change_is_published_before_its_tick_and_then_each_second():
     heard = Listener(rig.bus, keys.PARAMETERS, keys.CLOCK)
     rig.clock.begin()
     rig.tick()
-    rig.clock.live._requested = {"follower.standoff_m": "2"}
+    rig.clock.live._requested = {"follower.standoff_m": 2.0}
     assert [sample.key for sample in heard.take()] == ["clock"] * 2
     rig.tick()
     first, clock = heard.take()
     assert first.key == "sim/parameters"
     assert first.stamp == clock.stamp
-    assert first.message.parameters == (m.Parameter("follower.standoff_m", "2"),)
+    assert first.message.parameters == (m.Parameter("follower.standoff_m", "2.0"),)
     for _ in range(99):
         rig.tick()
     again = [sample for sample in heard.take() if sample.key == "sim/parameters"]

@@ -5,7 +5,14 @@ from common.sections import Gains, Mine, scenario_with
 from harness import error_of
 from mecazen import messages as m
 from mecazen.errors import ConfigError
-from mecazen.parameters import changed, described, parameters, refuse_unknown
+from mecazen.parameters import (
+    changed,
+    described,
+    parameters,
+    refuse_unknown,
+    settings_of,
+    to_message,
+)
 from mecazen.runtime.live import LiveParameters
 
 
@@ -37,21 +44,23 @@ def test_live_fields_are_parameters_with_their_allowed_values():
 KINDS = ("side", "order", "turns")
 
 
-def test_a_change_is_in_toml_or_left_out():
+def test_a_change_is_a_value_or_left_out():
     start = scenario_with()
-    settings = {"mine.reach_m": "2", "mine.gains.kp": "1e-3", "mine.side": "right"}
-    both = {"mine.bearing_deg": "90", "mine.heading_deg": "-90.0", "mine.order": '["b"]'}
+    settings = {"mine.reach_m": 2, "mine.gains.kp": 1e-3, "mine.side": "right"}
+    both = {"mine.bearing_deg": 90, "mine.heading_deg": -90.0, "mine.order": ["b"]}
     after = changed(start, settings | both).mine
     assert after == Mine(2.0, 90.0, -90.0, "right", ("b",), gains=Gains(1e-3))
-    left_out = both | {"mine.bearing_deg": "", "mine.heading_deg": "", "mine.turns": "false"}
+    left_out = both | {"mine.bearing_deg": None, "mine.heading_deg": None, "mine.turns": False}
     assert changed(start, left_out).mine == Mine(order=("b",), turns=False)
+    message = m.Parameters(parameters=to_message(left_out))
+    assert settings_of(message) == left_out
 
 
 @pytest.mark.parametrize(
     ("key", "text", "line"),
     [
         ("mine.reach_m", "0", "mine.reach_m: got 0; allowed: a number > 0 and <= 1000000000"),
-        ("mine.reach_m", "", "mine.reach_m: got ''; allowed: a number > 0 and <= 1000000000"),
+        ("mine.reach_m", "", "mine.reach_m: got None; allowed: a number > 0 and <= 1000000000"),
         ("mine.side", "[", "mine.side: [: not TOML: "),
         ("mine.bearing_deg", "9", "mine: bearing_deg and heading_deg must be given together"),
         ("mine.reach", "1", "mine.reach: no such parameter; did you mean mine.reach_m?"),
@@ -70,8 +79,9 @@ def test_a_wrong_change_is_one_line(key, text, line):
     start = scenario_with()
 
     def change():
-        refuse_unknown(start, {key: text})
-        changed(start, {key: text})
+        message = m.Parameters(parameters=(m.Parameter(name=key, value=text),))
+        refuse_unknown(start, settings_of(message))
+        changed(start, settings_of(message))
 
     assert error_of(ConfigError, change).startswith(line)
 
@@ -84,13 +94,13 @@ def test_without_a_name_all_robots_are_changed():
         seen = changed(start, settings)
         return [seen.of(name).mine.reach_m for name in ("one", "two")]
 
-    of_two = {"robots.two.mine.reach_m": "2"}
-    assert reach({"mine.reach_m": "3"}) == [3.0, 3.0]
+    of_two = {"robots.two.mine.reach_m": 2}
+    assert reach({"mine.reach_m": 3}) == [3.0, 3.0]
     assert reach(of_two) == [0.5, 2.0]
-    assert reach({"robots.one.mine.reach_m": "2"}) == [2.0, 0.5]
+    assert reach({"robots.one.mine.reach_m": 2}) == [2.0, 0.5]
     # the last one counts
-    assert reach({**of_two, "mine.reach_m": "3"}) == [3.0, 3.0]
-    assert reach({"mine.reach_m": "3", **of_two}) == [3.0, 2.0]
+    assert reach({**of_two, "mine.reach_m": 3}) == [3.0, 3.0]
+    assert reach({"mine.reach_m": 3, **of_two}) == [3.0, 2.0]
     assert changed(start, of_two).of("two").mine.side == "right"
 
 
@@ -102,10 +112,10 @@ def test_parameters_change_in_the_next_tick_all_or_none():
         return has_changed, live.scenario.mine.reach_m, live.scenario.mine.side
 
     assert apply() == (False, 0.5, "left")
-    live.set({"mine.reach_m": "3", "mine.side": "right"})
-    live.set({"mine.reach_m": "4"})
+    live.set({"mine.reach_m": 3, "mine.side": "right"})
+    live.set({"mine.reach_m": 4})
     assert live.scenario.mine.reach_m == 0.5
-    for settings in ({"mine.reach_m": "7", "mine.side": "up"}, {"sim.tick_s": "1.0"}):
+    for settings in ({"mine.reach_m": 7, "mine.side": "up"}, {"sim.tick_s": 1.0}):
         with pytest.raises(ConfigError):
             live.set(settings)
     assert apply() == (True, 4.0, "right")

@@ -486,10 +486,10 @@ def test_settings_that_a_follower_of_ones_own_does_not_read_are_refused(
     programs = {"follower": "my.py:Blind"}
     live = LiveParameters(msgspec.structs.replace(scenario, programs=programs), refuse_unsuitable)
     if said is None:
-        live.set({"follower.standoff_m": "2"})
+        live.set({"follower.standoff_m": 2})
         assert live.requested.follower.standoff_m == 2.0
     else:
-        line = error_of(ConfigError, lambda: live.set({"follower.standoff_m": "2"}))
+        line = error_of(ConfigError, lambda: live.set({"follower.standoff_m": 2}))
         assert line.startswith(said)
         assert live.requested.follower.standoff_m != 2.0
 

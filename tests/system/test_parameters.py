@@ -83,7 +83,8 @@ def test_a_reset_keeps_what_was_set_and_makes_the_run_of_such_a_scenario():
         sim.run(0.4)
         sim.reset()
         sim.run()
-    with Simulation(changed(scenario("back"), FARTHER)) as fresh:
+    settings = {key: float(value) for key, value in FARTHER.items()}
+    with Simulation(changed(scenario("back"), settings)) as fresh:
         fresh.run()
     assert sim.trajectory.sha256() == fresh.trajectory.sha256()
 

@@ -15,7 +15,6 @@ from mecazen.bus import LocalBus
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.explain import show
-from mecazen.files import to_value
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.graph import OBSERVERS
 from mecazen.keys import Topic
@@ -236,11 +235,7 @@ class Simulation:
             MecazenError: The simulation is closed.
         """
         self._refuse_closed()
-        try:
-            texts = {key: to_value(value) for key, value in settings.items()}
-        except TypeError as error:
-            raise ConfigError(printable(f"set_parameters: {error}")) from None
-        self.clock.live.set(texts)
+        self.clock.live.set(settings)
 
     def command(
         self, vx: float = 0.0, vy: float = 0.0, wz: float = 0.0, *, robot: str = ""

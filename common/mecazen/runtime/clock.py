@@ -322,7 +322,7 @@ class Clock:
         live = parameters(self.live.requested)
         names = request.names or tuple(live)
         try:
-            refuse_unknown(self.live.requested, dict.fromkeys(names, ""))
+            refuse_unknown(self.live.requested, names)
         except ConfigError as error:
             reply.refuse(str(error))
         else:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
@@ -23,11 +24,11 @@ class LiveParameters:
         self._check = check
         self.scenario = self.requested = scenario
         """The scenario that applies now, and the one from the next tick on."""
-        self.settings: dict[str, str] = {}
-        """Changed parameters: values in TOML by key, in the order of the changes."""
-        self._requested: dict[str, str] = {}
+        self.settings: dict[str, Any] = {}
+        """Changed parameters: values by key, in the order of the changes."""
+        self._requested: dict[str, Any] = {}
 
-    def set(self, settings: dict[str, str]) -> None:
+    def set(self, settings: Mapping[str, Any]) -> None:
         """Change parameters from the next tick on.
 
         Raises:
@@ -35,11 +36,11 @@ class LiveParameters:
         """
         refuse_unknown(self._start, settings)
         unchanged = {k: v for k, v in self._requested.items() if k not in settings}
-        scenario = changed(self._start, unchanged | settings)
+        scenario = changed(self._start, {**unchanged, **settings})
         for name in {part for key in settings for part in key.split(".")}:
             if name in scenario.services:
                 self._check(scenario, name)
-        self.requested, self._requested = scenario, unchanged | settings
+        self.requested, self._requested = scenario, {**unchanged, **settings}
 
     def apply(self) -> bool:
         """Apply what has been set since the last tick; return whether a value differs."""
