@@ -135,10 +135,5 @@ def wall(monkeypatch):
 
 
 @pytest.fixture
-def pair_of():
-    return Pair
-
-
-@pytest.fixture
 def zenoh_pair(open_bus):
     return Pair(open_bus(), open_bus())
