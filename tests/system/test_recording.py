@@ -173,7 +173,7 @@ def test_a_recording_gives_the_same_figure_as_the_run(scenario, tmp_path):
     file = tmp_path / "run.mcap"
     with Simulation(scenario, duration_s=0.2, record=file) as sim:
         sim.run()
-        expected = draw(courses(sim.trajectory, sim.scenario), sim.scenario, "run")
+        expected = draw(courses(sim.trajectory), sim.scenario, "run")
     assert len(sim.trajectory.rows()) == 20
     for drawn, axes in zip(figure(Recording(file), None).axes, expected.axes, strict=True):
         for curve, other in zip(drawn.lines, axes.lines, strict=True):
