@@ -31,13 +31,13 @@ def test_a_file_from_the_code_is_up_to_date(path):
         ),
         (
             "configuration",
-            "| `margin_m` | `0.06` | number ≥ 0, *live* "
+            "| `margin_m` | `0.06` | number ≥ 0.05, *live* "
             "| Clearance between the robot's outline and obstacles. |",
         ),
         ("configuration", "| `base.mass_kg` | required | number > 0 and ≤ 2000 |  |"),
         ("configuration", "| `robot` | none | as [robot](#robot) "),
         ("configuration", "| `control.feed_forward` (pid) | `true` |"),
-        ("configuration", "| `obstacles[].friction` | `1.0` |"),  # of all kinds
+        ("configuration", "| `obstacles[].position_m` | required |"),  # of all kinds
         ("keys", "| `odom` | nav_msgs/Odometry | controller.update_rate_hz | controller |"),
     ],
 )
