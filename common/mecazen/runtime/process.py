@@ -181,10 +181,13 @@ def _schedule(process: Process, scenario: Scenario) -> None:
     cores = sorted(os.sched_getaffinity(0))
     stack = f"{scenario.bus.router_endpoints} {scenario.bus.namespace}"
     core = cores[zlib.crc32(stack.encode()) % len(cores)]
-    for path in Path("/proc/self/task").iterdir():
-        with suppress(PermissionError, ProcessLookupError):  # a thread may just have ended
-            os.sched_setscheduler(int(path.name), policy, os.sched_param(priority))
-            os.sched_setaffinity(int(path.name), {core})
+    done: set[Path] = set()
+    while threads := {*Path("/proc/self/task").iterdir()} - done:  # a thread may start another
+        for thread in threads:
+            with suppress(PermissionError, ProcessLookupError):  # a thread may just have ended
+                os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
+                os.sched_setaffinity(int(thread.name), {core})
+        done |= threads
 
 
 def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None:
@@ -199,10 +202,8 @@ def _refuse_taken_names(parts: list[tuple[str, str]], config: BusConfig) -> None
         if config.mode == "client":  # it has waited for the router
             raise
         return  # without a router there is no other service
-    try:
+    with closing(bus):
         alive = bus.alive()
-        for name in (join_key(*part) for part in parts):
-            if name in alive:
-                raise BusError(f"another {name} is already running on this bus")
-    finally:
-        bus.close()
+    for name in (join_key(*part) for part in parts):
+        if name in alive:
+            raise BusError(f"another {name} is already running on this bus")
