@@ -69,7 +69,7 @@ def test_a_key_names_its_robot():
     assert split_key("odom", ("",)) == ("", "odom")
 
 
-def test_processes_meet_at_the_usual_port_unless_an_endpoint_is_set():
+def test_the_router_has_a_usual_port():
     assert BusConfig().router_endpoints == ("tcp/127.0.0.1:7447",)
     assert BusConfig(connect=("tcp://127.0.0.1:1",)).router_endpoints == ("tcp/127.0.0.1:1",)
     assert BusConfig(zenoh_config=Path("zenoh.json5")).router_endpoints is None
@@ -80,5 +80,5 @@ def test_processes_meet_at_the_usual_port_unless_an_endpoint_is_set():
     ("namespace", "name", "expected"),
     [(None, "one", "one"), ("a/b", "one", "a/b/one"), ("a", "", "a"), (None, "", None)],
 )
-def test_the_namespace_of_a_robot_is_within_that_of_the_run(namespace, name, expected):
+def test_a_robots_namespace_is_within_the_runs(namespace, name, expected):
     assert BusConfig(namespace=namespace).within(name).namespace == expected

@@ -11,7 +11,7 @@ from mecazen.files import open_regular, parse_value, read_text, to_value
 from mecazen.text import printable
 
 
-def test_a_file_that_can_not_be_read_is_one_line(tmp_path):
+def test_an_unreadable_file_is_one_line(tmp_path):
     os.mkfifo(tmp_path / "fifo")
     for path, reason in (
         (tmp_path / "none", "can't be read: No such file or directory"),
@@ -41,7 +41,7 @@ def test_text_is_utf_8_with_or_without_a_mark(tmp_path):
         (1e300, "1e+300"),
     ],
 )
-def test_a_value_is_written_in_toml_and_read_again(value, text):
+def test_a_value_in_toml_is_read_again(value, text):
     assert to_value(value) == text
     assert to_value(parse_value(text)) == text
 

@@ -259,9 +259,7 @@ def test_another_kind_keeps_common_keys_of_the_file(write_scenario):
     assert (loaded.speed_m_s, type(loaded).__name__) == (0.7, "Circle")
 
 
-def test_paths_are_relative_to_their_file_or_to_the_working_directory(
-    write_scenario, tmp_path, monkeypatch
-):
+def test_paths_are_relative_to_their_origin(write_scenario, tmp_path, monkeypatch):
     path = write_scenario(
         "[target.path]\nkind = 'recorded'\nfile = 'walk.csv'\n[bus]\nzenoh_config = 'zenoh.json5'\n"
         "[programs]\nfollower = 'my.py:Mine'\n[recorder]\nfile = 'mine.mcap'\n"
