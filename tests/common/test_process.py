@@ -183,7 +183,7 @@ def test_a_service_logs_with_simulated_time(start, tester):
     ("name", "setting", "code", "expected"),
     [
         ("nobody", "seed=1", 2, r"nobody: no such node; nodes: "),
-        ("toy", "sim.speed=fast", 2, r".*test\.toml with --set sim\.speed: got 'fast'; allowed: "),
+        ("toy", "sim.speed=fast", 2, r".*test\.toml with sim\.speed: got 'fast'; allowed: "),
         (
             "toy",
             BROKEN,
@@ -191,7 +191,7 @@ def test_a_service_logs_with_simulated_time(start, tester):
             r"toy: ZeroDivisionError: no seed is good enough \(toys.py:\d+ reset\)$",
         ),
         ("toy+toy", "seed=1", 2, r"toy\+toy: each service at most once$"),
-        ("router", "seed=-1", 2, r".*test\.toml with --set seed: got -1; allowed: "),
+        ("router", "seed=-1", 2, r".*test\.toml with seed: got -1; allowed: "),
         ("router", "seed=1", 1, r"can't listen on tcp/\S+: the port is taken"),
         ("toy", TWO_ROBOTS, 2, r"toy: of which robot\? --robot takes one or two$"),
     ],

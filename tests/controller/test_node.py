@@ -14,6 +14,7 @@ from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import JointState, OdometryRequest, Pose, Twist
+from mecazen.programs import graph_of
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.wire import RefusedError
 from mecazen_controller.node import ControllerNode, OdometryNode
@@ -259,7 +260,7 @@ def test_update_rate_thins_out_odom_and_leaves_out_nothing_of_the_way():
 
 def test_ground_truth_mode_publishes_the_truth_in_the_frame_of_the_odometry():
     seen = scenario(odometry="ground_truth", odom_frame_id="map")
-    assert keys.GROUND_TRUTH in [i.topic for i in OdometryNode.row(seen).inputs]
+    assert keys.GROUND_TRUTH in [i.topic for i in graph_of(seen).row("odometry").inputs]
     pose, twist = Pose2D(1.0, 2.0, 3.0), Twist2D(0.1, 0.2, 0.3)
     truth = m.planar_odometry(m.Time(), "world", "x", pose, twist, tuple(range(36)))
     steps = Steps(OdometryNode, seen)

@@ -16,6 +16,7 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
 from mecazen.messages import diagonal_covariance
+from mecazen.programs import graph_of
 from mecazen.runtime.live import LiveParameters, refuse_unsuitable
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
@@ -244,7 +245,7 @@ def scenario(**planner):
 
 def test_scans_are_taken_where_there_is_a_planner():
     def takes(scenario):
-        return keys.SCAN in {i.topic for i in FollowerNode.row(scenario).inputs}
+        return keys.SCAN in {i.topic for i in graph_of(scenario).row("follower").inputs}
 
     assert takes(scenario(samples=200))
     assert not takes(scenario())

@@ -64,33 +64,44 @@ class Driven:
     def begin(self) -> None:
         self.world.reset(3)
         self.number = 0
-        self.heard: dict[str, dict[Any, int]] = {name: {} for name in self.world.scenario.names}
-        self.states = self.world.step(Tick(0, 0, 0.0), {name: Inputs({}) for name in self.heard})
+        self.used: dict[Any, int] = {}
+        """The last tick with a good sample, by topic."""
+        self._step(Inputs({}))
 
-    def tick(self, name: str = "", **others: Any) -> Any:
+    def tick(self, name: str = "", **messages: Any) -> Inputs:
         """Step with a `command` and a `person`, where given; return what was refused."""
-        return self.tick_all({name: others})[name]
+        return self.tick_all({name: messages})
 
-    def tick_all(self, told: Mapping[str, Mapping[str, Any]]) -> dict[str, Inputs]:
+    def tick_all(self, messages: Mapping[str, Mapping[str, Any]]) -> Inputs:
         topics = {
             "command": keys.JOINT_COMMAND,
             "person": keys.TARGET_ODOM,
             "people": keys.PEOPLE,
             "skeleton": keys.TARGET_SKELETON,
         }
-        inputs = {}
-        for name, heard in self.heard.items():
-            samples = {topics[what]: message for what, message in told.get(name, {}).items()}
-            # as in the runtime: since the last tick before this one that had a good sample
-            known_ns = {topic: at * TICK_NS for topic, at in heard.items()}
-            inputs[name] = Inputs(samples, known_ns, (self.number + 1) * TICK_NS)
+        samples = {
+            keys.of_robot(topics[kind], name): message
+            for name, by_kind in messages.items()
+            for kind, message in by_kind.items()
+        }
+        # as in the runtime: since the last tick before this one that had a good sample
+        known_ns = {topic: tick * TICK_NS for topic, tick in self.used.items()}
         self.number += 1
-        tick = Tick(self.number, self.number * TICK_NS, 0.01)
-        self.states = self.world.step(tick, inputs)
-        for name, heard in self.heard.items():
-            used = [topic for topic in topics.values() if inputs[name].get(topic) is not None]
-            heard.update(dict.fromkeys(used, self.number))
+        inputs = Inputs(samples, known_ns, self.number * TICK_NS)
+        self._step(inputs)
+        self.used |= dict.fromkeys(inputs.samples, self.number)
         return inputs
+
+    def _step(self, inputs: Inputs) -> None:
+        outputs = self.world.step(Tick(self.number, self.number * TICK_NS, 0.01), inputs)
+        self.states = {
+            name: {
+                topic: outputs[keys.of_robot(topic, name)]
+                for topic in keys.TOPICS
+                if keys.of_robot(topic, name) in outputs
+            }
+            for name in self.world.scenario.names
+        }
 
     def drive(self, ticks: int, velocity: Sequence[float] = (), effort: Sequence[float] = ()):
         for _ in range(ticks):
@@ -269,10 +280,10 @@ def test_a_reset_is_as_good_as_a_fresh_start_to_the_last_bit():
 
 def test_the_robot_description_is_a_urdf_and_its_meshes_are_served():
     driven = Driven(start=START)
-    root = ET.fromstring(driven.world.answer(keys.ROBOT_DESCRIPTION, m.Empty(), "").data)  # noqa: S314
+    root = ET.fromstring(driven.world.answer(keys.ROBOT_DESCRIPTION, m.Empty()).data)  # noqa: S314
     assert (root.tag, root.get("name")) == ("robot", "nexus")
     assert {j.get("name") for j in root.findall("joint")} >= set(driven.joints().name)
-    files = driven.world.files("")["robot_description"]
+    files = driven.world.files()["robot_description"]
     assert {mesh.get("filename") for mesh in root.iter("mesh")} == set(files)
     assert files == build_meshes(load_robot())
     assert driven.world.diagnostics() == {"x_m": 1.0, "y_m": 2.0}

@@ -171,7 +171,7 @@ def test_a_scenario_has_its_own_nodes():
         *("target", "in target+follower", "follower", "in target+follower", "controller"),
     ]
     shown = CliRunner().invoke(app.app, ["topics", "back"]).stdout
-    assert re.search(r"│ scan +│ sensor_msgs/LaserScan +│ any +│ anyone ", shown)  # has no lidar
+    assert re.search(r"│ target/cmd_vel +│ geometry_msgs/Twist +│ any +│ anyone ", shown)
 
 
 FULL = "error: the output is incomplete: "
