@@ -71,6 +71,8 @@ class _Part:
     begun: bytes = b""
     """Begin of a line of the log."""
     last_line: str = ""
+    error: str = ""
+    """The error with which it ends."""
     has_run: bool = False
     """Whether the process has ever logged that it works."""
     begin_s: float = math.inf
@@ -192,10 +194,11 @@ class Supervisor:
     def _take_line(self, part: _Part, text: str) -> None:
         name = part.process.name
         event = EVENT.match(text)
-        if event is None:
+        if text.startswith(FAILED):
+            part.error = text.removeprefix(FAILED)
+        elif event is None:
             part.last_line = text
-            if not text.startswith(FAILED):  # an error comes with the end
-                self._lines.append(Line(name, text))
+            self._lines.append(Line(name, text))
         elif event[1] == "started":
             part.has_run, part.begin_s = True, time.monotonic()
             if name == ROUTER.name:
@@ -207,18 +210,18 @@ class Supervisor:
         """Restart the processes that are due; return the monotonic time of the next restart [s]."""
         for part in self._parts.values():
             if part.restart_s <= time.monotonic():
-                part.begun, part.last_line, part.restart_s = b"", "", math.inf
+                part.begun, part.restart_s = b"", math.inf
+                part.last_line = part.error = ""
                 self._fork(part)
         return min((part.restart_s for part in self._parts.values()), default=math.inf)
 
     def _take_end(self, part: _Part) -> Line:
         name, code = part.process.name, part.child.exitcode or 0
         worked_s, part.begin_s = time.monotonic() - part.begin_s, math.inf
-        has_failed = part.last_line.startswith(FAILED)
         # the error of a node begins with its name
-        how = _how(code, part.last_line.removeprefix(FAILED)).removeprefix(f"{name}: ")
+        how = _how(code, part.error or part.last_line).removeprefix(f"{name}: ")
         # an observer that reported an error, such as a full disk, would report the error again
-        hopeless = not part.has_run or (not part.needed and has_failed)
+        hopeless = not part.has_run or (not part.needed and part.error != "")
         is_wrong = code == ConfigError.exit_code  # by the scenario, which stays the same
         if not self._restart or is_wrong or (0 < code != SERVER_ENDED and hopeless):
             if part.needed:
