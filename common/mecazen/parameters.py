@@ -40,14 +40,14 @@ UNITS = {
 """Units by the last part of a parameter's name."""
 
 
-class Live(NamedTuple):
+class LiveSetting(NamedTuple):
     """A parameter of a scenario."""
 
     value: Any
     kind: mi.Type
 
 
-def parameters(scenario: Scenario) -> dict[str, Live]:
+def parameters(scenario: Scenario) -> dict[str, LiveSetting]:
     """Return the parameters of the services that take part, by their keys.
 
     With several robots, each robot also has its own parameters: `robots.two.follower.standoff_m`.
@@ -68,18 +68,18 @@ def parameters(scenario: Scenario) -> dict[str, Live]:
     return live
 
 
-def _within(section: object) -> Iterator[tuple[str, Live]]:
+def _within(section: object) -> Iterator[tuple[str, LiveSetting]]:
     if not isinstance(section, Section):
         return
     for field in mi.type_info(type(section)).fields:  # type: ignore[attr-defined]
         value = getattr(section, field.name)
         if is_live(field.type):
-            yield field.name, Live(value, field.type)
+            yield field.name, LiveSetting(value, field.type)
         else:
             yield from ((f"{field.name}.{key}", live) for key, live in _within(value))
 
 
-def described(name: str, live: Live) -> ParameterDescriptor:
+def described(name: str, live: LiveSetting) -> ParameterDescriptor:
     """Return a parameter as a message."""
     parts = name.rpartition(".")[2].split("_")
     ends = ("_".join(parts[first:]) for first in range(1, len(parts)))
