@@ -64,10 +64,15 @@ class LoggingFirmware(Firmware):
         self.log.append((time.monotonic(), function, payload))
 
     @property
+    def driving(self):
+        """The numbers of the frames that drive."""
+        moves = (function == MOTION and any(payload[1:]) for _, function, payload in self.log)
+        return [number for number, is_moving in enumerate(moves) if is_moving]
+
+    @property
     def stopped_after_s(self):
         """The time from the last frame that drives to the first one that stops the motors [s]."""
-        drives = [function == MOTION and any(payload[1:]) for _, function, payload in self.log]
-        last = max(number for number, moves in enumerate(drives) if moves)
+        last = self.driving[-1]
         stop = next(t for t, function, _ in self.log[last + 1 :] if function in (MOTION, RESET))
         return stop - self.log[last][0]
 

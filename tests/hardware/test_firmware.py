@@ -76,20 +76,14 @@ def test_a_twist_becomes_rim_speeds_each_cut_by_itself():
     turn = 164.555
     assert board.goal == pytest.approx([300 - turn, 700 - turn, 700 + turn, 300 + turn])
     take(board, motion(900, 900, 0))
-    assert board.goal == [0.0, 1000.0, 1000.0, 0.0]  # the direction is lost
+    run(board, 60_000)
+    assert board.goal == [0.0, 1000.0, 1000.0, 0.0]  # the direction is lost; kept for ever
     take(board, frame(0x15, b"\x05\x00"), motion(500, 300))
     assert board.goal == [200.0, 800.0, 800.0, 200.0]  # the type is not saved without 0x5F
     take(board, frame(0x15, b"\x05\x5f"), motion(500, 300))
     assert board.goal == [500.0] * 4  # a car without mecanum wheels does not strafe
     take(board, frame(0x15, b"\x01\x5f"), frame(0x11, struct.pack("<BBh", 1, 3, 30)))
     assert board.goal == [-300.0, 300.0, 300.0, -300.0]
-
-
-def test_the_last_command_is_kept_for_ever():
-    board = Firmware()
-    take(board, motion(500))
-    run(board, 60_000)
-    assert board.goal == [500.0] * 4
 
 
 @pytest.mark.parametrize("stop", [motion(0), frame(0x0F, b"\x5f"), frame(0x11, b"\x01\x07\0\0")])
@@ -238,14 +232,8 @@ def test_without_a_gap_a_frame_destroys_the_one_before(monkeypatch):
     assert (emulator.firmware.taken, emulator.firmware.lost) == (1, 1)
 
 
-@pytest.fixture
-def line():
-    opened = SerialLine()
-    yield opened
-    opened.close()
-
-
-def test_a_line_carries_bytes_unchanged_and_without_echo(line):
+def test_a_line_carries_bytes_unchanged_and_without_echo():
+    line = SerialLine()
     with serial.Serial(line.name, 115200, timeout=0.05) as port:
         port.write(b"\x03\x04\r\n\xff\xfc\x11\x13")
         assert line.read() == b"\x03\x04\r\n\xff\xfc\x11\x13"
@@ -256,15 +244,13 @@ def test_a_line_carries_bytes_unchanged_and_without_echo(line):
         line.millisecond(b"")
         assert port.read(23) == bytes(range(11, 23))
     assert line.read() == b""  # no one has it open: no error
-
-
-def test_bytes_that_no_one_reads_stop_nothing(line):
-    for _ in range(2000):
+    for _ in range(2000):  # bytes that no one reads stop nothing
         line.millisecond(bytes(11))
     with serial.Serial(line.name, 115200, timeout=0.1) as port:
         port.reset_input_buffer()
         line.millisecond(b"newer!!")
         assert port.read(100) == b"newer!!"
+    line.close()
 
 
 def test_a_link_names_the_port_until_it_closes(tmp_path):

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import pytest
 import serial
-from hardware.stand import MOTION, ROBOT, STOP_WITHIN_S, config, emulated, linked, until
+from hardware.stand import ROBOT, STOP_WITHIN_S, config, emulated, linked, until
 from harness import error_of
 from mecazen.config import HardwareConfig
 from mecazen.errors import ConfigError
@@ -22,7 +22,7 @@ from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import Inertial, Voltage, WheelAngles
 from mecazen_hardware.keeper import DRIVE, STOP, keep
 from mecazen_hardware.link import Link
-from mecazen_hardware.port import HardwareError, Port
+from mecazen_hardware.port import HardwareError
 
 FORWARD = WheelSpeeds(10.0, 10.0, 10.0, 10.0)
 
@@ -54,7 +54,7 @@ def driving(emulator, then="pass"):
     )
     try:
         assert process.stdout.readline() == "driving\n"
-        until(lambda: any(emulator.firmware.goal))
+        until(lambda: emulator.firmware.driving)
         yield process
         until(lambda: not any(emulator.firmware.goal))
         assert emulator.firmware.stopped_after_s < STOP_WITHIN_S
@@ -63,11 +63,11 @@ def driving(emulator, then="pass"):
         process.communicate()
 
 
-def drive_for(duration_s, link, period_s=0.01):
-    for _ in range(round(duration_s / period_s)):
+def drive_for(duration_s, link):
+    for _ in range(round(duration_s / 0.01)):
         link.drive(FORWARD)
         link.read()
-        time.sleep(period_s)
+        time.sleep(0.01)
 
 
 def test_a_board_sends_its_reports_and_takes_frames():
@@ -77,10 +77,9 @@ def test_a_board_sends_its_reports_and_takes_frames():
             for _ in range(50):
                 link.drive(FORWARD)
                 time.sleep(0.01)
-            reports = [report for report, _ in link.read()]
-            assert {WheelAngles, Inertial, Voltage} <= {*map(type, reports)}
-            angles = [report.angles[0] for report in reports if isinstance(report, WheelAngles)]
-            assert angles[-1] > 1.0
+            newest = {type(report): report for report, _ in link.read()}
+            assert {WheelAngles, Inertial, Voltage} <= newest.keys()
+            assert newest[WheelAngles].angles[0] > 1.0
             until(lambda: emulator.firmware.taken + emulator.firmware.lost == link.sent)
             # the emulated board loses a frame if a busy machine lets it read late
             assert emulator.firmware.lost <= link.sent // 20
@@ -108,24 +107,19 @@ def test_of_frames_in_quick_succession_the_newest_is_sent(monkeypatch):
         assert min(gaps) >= link.board.SPACING_S
 
 
-def test_the_motors_are_stopped_when_the_driver_is_killed():
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_motors_stop_when_the_driver_is_killed_or_frozen(number):
     with emulated() as emulator, driving(emulator) as process:
-        process.kill()
-
-
-def test_the_motors_are_stopped_while_the_driver_is_frozen():
-    with emulated() as emulator, driving(emulator) as process:
-        process.send_signal(signal.SIGSTOP)
+        process.send_signal(number)
 
 
 @pytest.mark.parametrize("then", ["1 / 0", "raise KeyboardInterrupt", "sys.exit(3)"])
-def test_the_motors_are_stopped_when_the_driver_ends_by_an_exception(then):
+def test_the_motors_stop_when_the_driver_ends(then):
     with emulated() as emulator, driving(emulator, then):
         pass
 
 
-@pytest.mark.parametrize("period_s", [0.05, 0.001])  # written at once, or after a wait
-def test_without_its_keeper_the_driver_stops_the_motors_and_ends(period_s):
+def test_without_its_keeper_the_driver_stops_and_ends():
     with emulated() as emulator:
         with linked(emulator) as link:
             link.drive(FORWARD)
@@ -133,46 +127,31 @@ def test_without_its_keeper_the_driver_stops_the_motors_and_ends(period_s):
             link.keeper.kill()
             link.keeper.wait()
             with pytest.raises(HardwareError, match=r"in an emergency was killed; start again$"):
-                drive_for(10.0, link, period_s)
+                drive_for(10.0, link)
             assert any(emulator.firmware.goal)  # the board keeps its last command
         until(lambda: not any(emulator.firmware.goal))
 
 
-@pytest.fixture
-def keeper():
-    """The driver's end of the heartbeat, the board's end of the port, and the number of stops."""
+def test_a_keeper_stops_the_motors_after_silence_and_at_the_end():
     received, beat = os.pipe()
     board, port = os.pipe()
     stops = []
+    frames = [b"zero", b"reset"]
     thread = threading.Thread(
-        target=lambda: stops.append(keep(port, received, 0.1, 0.001, [b"zero", b"reset"])),
-        daemon=True,
+        target=lambda: stops.append(keep(port, received, 0.1, 0.001, frames)), daemon=True
     )
     thread.start()
-    yield beat, board, thread, stops
-    for fd in (received, board, port):
-        os.close(fd)
-
-
-def test_a_keeper_stops_the_motors_after_silence_and_at_the_end(keeper):
-    beat, board, thread, stops = keeper
     os.write(beat, DRIVE)
     assert os.read(board, 4) + os.read(board, 5) == b"zeroreset"
+    os.write(beat, DRIVE)
+    os.write(beat, STOP)
+    thread.join(0.3)  # a driver at rest may be silent
     os.close(beat)
     thread.join()
     assert os.read(board, 4) + os.read(board, 5) == b"zeroreset"
     assert stops == [2]
-
-
-def test_a_driver_at_rest_may_be_silent(keeper):
-    beat, board, thread, stops = keeper
-    os.write(beat, DRIVE)
-    os.write(beat, STOP)
-    thread.join(0.3)
-    os.close(beat)
-    thread.join()
-    assert stops == [1]
-    assert os.read(board, 9) == b"zeroreset"
+    for fd in (received, board, port):
+        os.close(fd)
 
 
 def test_what_can_not_be_opened_is_one_line(monkeypatch, tmp_path):
@@ -199,12 +178,6 @@ def test_what_can_not_be_opened_is_one_line(monkeypatch, tmp_path):
 
         monkeypatch.setattr(serial, "Serial", refuse)
         assert f"/dev/null: {reason}" in error(port="/dev/null")
-
-
-def test_a_port_is_free_again_once_it_is_closed():
-    with emulated() as emulator:
-        for _ in range(2):
-            Port(config(emulator).port, 115200).close()
 
 
 @pytest.mark.parametrize(
@@ -236,8 +209,7 @@ def test_a_board_of_another_car_is_not_driven():
     with emulated(car_type=5) as emulator:
         with pytest.raises(HardwareError, match="set to the car R2"):
             Link(config(emulator), ROBOT)
-        log = emulator.firmware.log
-        assert not [1 for _, function, payload in log if function == MOTION and any(payload[1:])]
+        assert not emulator.firmware.driving
 
 
 def test_a_port_that_is_unplugged_in_mid_run_is_one_error():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mecazen.config import HardwareConfig
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen_hardware.board import Identity, Inertial, Voltage, WheelAngles
-from mecazen_hardware.rosmaster_x3 import Decoder, RosmasterX3, frame
+from mecazen_hardware.rosmaster_x3 import RosmasterX3, frame
 
 KINEMATICS = MecanumKinematics.from_robot(ROBOT)
 
@@ -102,29 +102,12 @@ def test_another_type_of_car_is_a_problem(board):
     assert identity == Identity("ROSMASTER X3, firmware 3.5")
 
 
-def test_bytes_may_come_singly_with_garbage_between(board):
-    stream = b"\xff\xfb\x99" + counts(1, 2, 3, 4) + b"\xff" + counts(5, 6, 7, 8)
-    reports = [report for byte in stream for report in board.feed(bytes((byte,)))]
-    assert len(reports) == 2
-    assert board.frames == 2
-    assert board.refused > 0
-
-
-def test_a_repeated_first_byte_loses_no_frame():
-    assert len(list(Decoder().feed(b"\xff" + counts(0, 0, 0, 0)))) == 1
-
-
-FIRST, SECOND, THIRD = counts(70000, -5, 123456, 9), counts(1, 2, 3, 4), counts(5, 6, 7, 8)
-
-
 @given(st.integers(0, 20), st.binary(min_size=1, max_size=4), st.booleans())
 def test_each_frame_after_a_damaged_one_is_read(place, garbage, is_cut):
-    damaged = FIRST[:place] + garbage + (b"" if is_cut else FIRST[place + len(garbage) :])
-    decoder = Decoder()
-    frames = [frame for byte in damaged + SECOND + THIRD for frame in decoder.feed(bytes((byte,)))]
-    assert frames[-2:] == [(0x0D, (1, 2, 3, 4)), (0x0D, (5, 6, 7, 8))]
-
-
-@given(st.binary(max_size=200))
-def test_random_bytes_are_no_error(data):
-    assert RosmasterX3(HardwareConfig(), ROBOT).feed(data) is not None
+    board, first = RosmasterX3(HardwareConfig(), ROBOT), counts(70000, -5, 123456, 9)
+    damaged = first[:place] + garbage + (b"" if is_cut else first[place + len(garbage) :])
+    stream = damaged + counts(1320, 0, 0, 0) + counts(2640, 0, 0, 0)
+    reports = [report for byte in stream for report in board.feed(bytes((byte,)))]
+    assert board.frames == len(reports)
+    assert board.refused > 0 or len(reports) == 3
+    assert [report.angles[0] / math.tau for report in reports[-2:]] == pytest.approx([1.0, 2.0])

@@ -97,10 +97,3 @@ def test_without_reports_the_speed_ends_after_two_cycles():
     for n in range(30):
         _, speeds = wheels.advance(1.0 + n * TICK_S, TICK_S)
     assert max(map(abs, speeds)) < 0.1
-
-
-def test_a_run_begins_at_angle_0():
-    wheels = WheelEstimator(CYCLE_S, 30.8)
-    list(drive(wheels, lambda t: 10.0, 1.0))
-    wheels.reset()
-    assert wheels.advance(1.0, 0.0)[0] == pytest.approx((0.0,) * 4, abs=0.5)

@@ -47,12 +47,7 @@ Report = WheelAngles | Inertial | Voltage | Identity
 
 
 class Board(ABC):
-    """The protocol of one kind of board, with the state of its receiver.
-
-    Args:
-        config: The settings of this robot.
-        robot: The robot file.
-    """
+    """The protocol of one kind of board, with the state of its receiver."""
 
     CYCLE_S: ClassVar[float]
     """Time between two reports of the wheels [s]."""
@@ -91,9 +86,7 @@ class Board(ABC):
 
     @abstractmethod
     def turn_wheel(self, wheel: int, share: float) -> bytes:
-        """Return the frame that turns one wheel alone, for the checklist.
+        """Return the frame that turns one wheel, of the order of `WHEELS`, for the checklist.
 
-        Args:
-            wheel: The wheel's number in the order of `WHEELS`.
-            share: Share of the motor's full speed or voltage, from -1 to 1.
+        `share` is a share of the motor's full speed or voltage, from -1 to 1.
         """

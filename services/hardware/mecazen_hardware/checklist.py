@@ -45,13 +45,7 @@ class WheelCheck(NamedTuple):
 def turn_each(link: Link, max_speed: float, show: Callable[[str], None]) -> list[WheelCheck]:
     """Turn each wheel alone, forward for a second; return the angles that the encoders measured.
 
-    Args:
-        link: The link to a board that answers.
-        max_speed: Highest speed of the wheels [rad/s].
-        show: Function that prints a line about the next step.
-
-    Raises:
-        HardwareError: The port has gone.
+    `max_speed` is that of the wheels [rad/s]; `show` prints a line about the next step.
     """
     wheels, checks = WheelEstimator(link.board.CYCLE_S, max_speed), []
     for number, name in enumerate(WHEELS):

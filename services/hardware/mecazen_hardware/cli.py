@@ -46,7 +46,7 @@ def probe(
 
     Example: mecazen hardware probe --port /dev/ttyUSB0
     """
-    with closing(_open(port, board, _robot(robot))) as link:
+    with closing(_open(port, board, load_table(given_file(robot, "robot"), Robot))) as link:
         link.read()
         time.sleep(LISTEN_S)
         reports = [report for report, _ in link.read()]
@@ -77,7 +77,7 @@ def check(
     """
     if not yes:
         typer.confirm("Are all wheels off the ground, and is a hand on the switch?", abort=True)
-    loaded = _robot(robot)
+    loaded = load_table(given_file(robot, "robot"), Robot)
     with closing(_open(port, board, loaded)) as link:
         checks = turn_each(link, loaded.wheels.max_speed_rad_s, typer.echo)
     problems = 0
@@ -133,19 +133,9 @@ def emulate(
         typer.echo(f"{emulator.firmware.taken} frames taken, {emulator.firmware.lost} lost")
 
 
-def _robot(name: str) -> Robot:
-    return load_table(given_file(name, "robot"), Robot)
-
-
 def _open(port: str | None, board: str, robot: Robot) -> Link:
-    """Return the link to a board at a port, or at the first USB adapter.
-
-    Raises:
-        HardwareError: There is no port, or the board does not answer.
-    """
-    if port is None:
-        ports = usb_ports()
-        if not ports:
-            raise HardwareError("no USB adapter here: plug the board in, or name its --port")
-        port = ports[0]
-    return Link(HardwareConfig(board=board, port=port), robot)
+    """Return the link to a board at a port, or at the first USB adapter."""
+    ports = usb_ports() if port is None else [port]
+    if not ports:
+        raise HardwareError("no USB adapter here: plug the board in, or name its --port")
+    return Link(HardwareConfig(board=board, port=ports[0]), robot)

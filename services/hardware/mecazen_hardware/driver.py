@@ -41,11 +41,7 @@ MeasuredT = TypeVar("MeasuredT", Inertial, Voltage)
 
 
 class Safety:
-    """Decides whether motors may run, without port and clock.
-
-    Args:
-        config: The limits.
-    """
+    """Decides whether motors may run, without port and clock."""
 
     def __init__(self, config: HardwareConfig) -> None:
         self._config = config
@@ -68,9 +64,7 @@ class Safety:
     def reason(self, command_age_s: float, report_age_s: float) -> str:
         """Return the reason to stop the motors; empty if they may run.
 
-        Args:
-            command_age_s: Age of the newest wheel command [s].
-            report_age_s: Age of the newest report of the wheels [s].
+        The ages are those of the newest command and the newest report of the wheels.
         """
         if self.is_engaged:
             return "emergency stop; emergency_stop/release lets it drive again"
@@ -87,13 +81,8 @@ class Safety:
 class Driver:
     """Drives one robot.
 
-    The methods raise HardwareError once the port has gone, except `diagnostics` and `close`.
-
-    Args:
-        scenario: Names board, port and robot.
-
-    Raises:
-        HardwareError: The port can't be opened, or the board does not answer as it should.
+    All methods but `diagnostics` and `close` raise HardwareError once the port has gone, and the
+    constructor if the board does not answer as it should.
     """
 
     def __init__(self, scenario: Scenario) -> None:

@@ -17,8 +17,7 @@ from contextlib import suppress
 PRIORITY = 50
 """Real-time priority, above that of all services; the keeper hardly ever runs."""
 DRIVE, STOP = b"d", b"s"
-"""The heartbeat byte for a frame that may move the robot, and the byte for a frame that stops
-it."""
+"""Heartbeat bytes: for a frame that may move the robot, and for a frame that stops it."""
 
 
 def keep(port: int, heartbeat: int, silence_s: float, spacing_s: float, frames: list[bytes]) -> int:

@@ -1,7 +1,7 @@
 """The link to a board: its port, the thread that reads and writes, and the keeper of the motors.
 
-No method waits for the port, except `close`. The thread collects the reports with their times of
-arrival, and writes each frame as soon as the board can take it.
+No method waits for the port, except `close`. A frame is written at once if the board can take it.
+The thread writes the others later, and collects the reports with their times of arrival.
 """
 
 from __future__ import annotations
@@ -59,10 +59,6 @@ class Link:
 
     All methods but `close` raise HardwareError once the port or the keeper has gone.
 
-    Args:
-        config: Names the port and the board.
-        robot: The robot file.
-
     Raises:
         ConfigError: There is no such board.
         HardwareError: The port can't be opened, or the board does not answer as it should.
@@ -81,6 +77,8 @@ class Link:
         """Frames that wait, of a greeting or to stop the motors."""
         self._motion: tuple[bytes, bytes] | None = None
         """The newest frame for the motors, with its heartbeat byte, if it still waits."""
+        self._free_s = 0.0
+        """When the board can take the next frame [s]."""
         self._is_closing = False
         self._woken, self._wake = os.pipe()
         self.keeper, self._heartbeat = self._start_keeper()
@@ -137,12 +135,15 @@ class Link:
     def _post(
         self, frames: Sequence[bytes] = (), motion: tuple[bytes, bytes] | None = None
     ) -> None:
-        """Give the thread frames to write; a frame for the motors that still waits is dropped."""
+        """Write frames, now or later; a frame for the motors that still waits is dropped."""
         with self._lock:
             self._refuse_failure()
             self._motion = motion
             self._frames = [*frames] or self._frames
-        os.write(self._wake, b"w")
+            self._write_due()
+            self._refuse_failure()
+            if self._frames or self._motion:
+                os.write(self._wake, b"w")
 
     def _refuse_failure(self) -> None:
         if self._failure is not None:
@@ -150,21 +151,21 @@ class Link:
 
     def _run(self) -> None:
         """Read reports and write frames until the link closes or the port has gone."""
-        free_s = 0.0
-        """When the board can take the next frame [s]."""
         try:
             while not (self._is_closing and not self._frames):
                 waits = self._frames or self._motion
-                wait_s = max(free_s - time.monotonic(), 0.0) if waits else None
+                wait_s = max(self._free_s - time.monotonic(), 0.0) if waits else None
                 ready, _, _ = select.select([self.port.fd, self._woken], [], [], wait_s)
                 if self._woken in ready:
                     os.read(self._woken, 4096)
                 if self.port.fd in ready:
                     self._receive()
-                if time.monotonic() >= free_s and self._write():
-                    free_s = time.monotonic() + self.board.SPACING_S
+                with self._lock:
+                    self._write_due()
         except HardwareError as failure:
-            self._fail(failure)
+            with self._lock:
+                self._failure = failure
+                self._lock.notify_all()
 
     def _receive(self) -> None:
         data, now_s = self.port.read(), time.monotonic()
@@ -173,35 +174,31 @@ class Link:
             self._reports = [*self._reports, *reports][-KEPT_REPORTS:]
             self._lock.notify_all()
 
-    def _write(self) -> bool:
-        """Write the next frame, if any, after its heartbeat byte; return whether there was one.
+    def _write_due(self) -> None:
+        """Write the next frame after its heartbeat byte, if the board can take it.
 
-        Without a keeper only frames that stop the motors are written.
+        Without a keeper only frames that stop the motors are written. The caller holds the lock.
         """
-        with self._lock:
-            if self._frames:
-                frame, beat = self._frames.pop(0), keeper.STOP
-            elif self._motion is not None:
-                (frame, beat), self._motion = self._motion, None
-            else:
-                return False
+        if time.monotonic() < self._free_s:
+            return
+        if self._frames:
+            frame, beat = self._frames.pop(0), keeper.STOP
+        elif self._motion is not None:
+            (frame, beat), self._motion = self._motion, None
+        else:
+            return
         try:
             os.write(self._heartbeat, beat)
         except (BrokenPipeError, BlockingIOError):
             if beat != keeper.STOP:
                 killed = "the process that stops the motors in an emergency was killed"
-                self._fail(HardwareError(f"{self.port.name}: {killed}; start again"))
-                return False
+                self._failure = HardwareError(f"{self.port.name}: {killed}; start again")
+                return
         if self.port.write(frame):
             self.sent += 1
         else:
             self.unsent += 1
-        return True
-
-    def _fail(self, failure: HardwareError) -> None:
-        with self._lock:
-            self._failure = failure
-            self._lock.notify_all()
+        self._free_s = time.monotonic() + self.board.SPACING_S
 
     def _start_keeper(self) -> tuple[subprocess.Popen[bytes], int]:
         """Start the keeper; return its process and the pipe for the heartbeat."""
@@ -221,11 +218,7 @@ class Link:
         return process, heartbeat
 
     def _greet(self) -> Identity:
-        """Request the board's identity, and wait for each kind of report.
-
-        Raises:
-            HardwareError: The board does not answer in time, or is of another kind.
-        """
+        """Request the board's identity, and wait for each kind of report."""
         until_s, asked_s = time.monotonic() + ANSWER_S, -math.inf
         while True:
             with self._lock:

@@ -26,10 +26,6 @@ class HardwareError(MecazenError):
 class Port:
     """An open serial port, exclusive to this process.
 
-    Args:
-        name: A device.
-        baud: Bits per second.
-
     Raises:
         HardwareError: The port can't be opened; the message states the reason and the remedy.
     """
@@ -41,11 +37,7 @@ class Port:
         os.set_blocking(self.fd, False)
 
     def read(self) -> bytes:
-        """Return the bytes that have arrived.
-
-        Raises:
-            HardwareError: The port has gone.
-        """
+        """Return the bytes that have arrived; raise HardwareError if the port has gone."""
         try:
             data = os.read(self.fd, 4096)
         except BlockingIOError:
@@ -57,11 +49,7 @@ class Port:
         return data
 
     def write(self, frame: bytes) -> bool:
-        """Send a frame; return whether there was room for it.
-
-        Raises:
-            HardwareError: The port has gone.
-        """
+        """Send a frame; return whether there was room for it; raise as `read` does."""
         try:
             return os.write(self.fd, frame) == len(frame)
         except BlockingIOError:

@@ -21,15 +21,14 @@ from mecazen.wheels import MecanumKinematics, WheelSpeeds
 
 from mecazen_hardware.board import Board, Identity, Inertial, Report, Voltage, WheelAngles
 
-HEAD, TO_BOARD, TO_HOST = 0xFF, 0xFC, 0xFB
+START = b"\xff\xfb"
+"""The first bytes of a frame to the host."""
 CAR_TYPE = 1
 """Type of the X3 in the board's flash, which selects the board's kinematics."""
 CAR_TYPES = {1: "X3", 2: "X3 Plus", 3: "mini", 4: "X1", 5: "R2", 6: "Sunrise", 10: "M1"}
 
 AUTO_REPORT, RESET_STATE, DUTY, MOTION, REQUEST = 0x01, 0x0F, 0x10, 0x12, 0x50
 STATUS, MPU9250, COUNTS, ICM20948, CAR, VERSION = 0x0A, 0x0B, 0x0D, 0x0E, 0x15, 0x51
-CONFIRM = 0x5F
-"""Byte that confirms a command; in other commands it writes the board's flash."""
 PAYLOADS = {
     STATUS: "<hhhB",
     MPU9250: "<9h",
@@ -62,47 +61,10 @@ MPU_GYRO, MPU_ACCEL, ICM = 3754.9, 1671.84, 1000.0
 """Raw numbers per rad/s, m/s², and both."""
 
 
-def frame(function: int, payload: bytes, to: int = TO_BOARD) -> bytes:
-    """Return a complete frame."""
+def frame(function: int, payload: bytes) -> bytes:
+    """Return a complete frame to the board."""
     body = bytes((len(payload) + 3, function)) + payload
-    return bytes((HEAD, to)) + body + bytes((sum(body) % 256,))
-
-
-class Decoder:
-    """Finds frames to the host in a stream of bytes.
-
-    After an invalid frame the search restarts at its second byte, so a damaged frame never destroys
-    the next one. Function and length must match, and no length is above 21, so a false start delays
-    the next frame by at most that number of bytes.
-    """
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self.skipped = 0
-        """Number of bytes that do not belong to a frame."""
-
-    def feed(self, data: bytes) -> Iterator[tuple[int, tuple[int, ...]]]:
-        """Yield function and payload of each frame that the bytes complete."""
-        buffer = self._buffer
-        buffer += data
-        begin = 0
-        while len(buffer) - begin >= 4:
-            length, function = buffer[begin + 2], buffer[begin + 3]
-            end = begin + 2 + length
-            is_start = (
-                buffer[begin] == HEAD
-                and buffer[begin + 1] == TO_HOST
-                and LENGTHS.get(function) == length
-            )
-            if is_start and end > len(buffer):
-                break
-            if is_start and sum(buffer[begin + 2 : end - 1]) % 256 == buffer[end - 1]:
-                yield function, struct.unpack_from(PAYLOADS[function], buffer, begin + 4)
-                begin = end
-            else:
-                begin += 1
-                self.skipped += 1
-        del buffer[:begin]
+    return b"\xff\xfc" + body + bytes((sum(body) % 256,))
 
 
 class RosmasterX3(Board):
@@ -116,7 +78,7 @@ class RosmasterX3(Board):
 
     def __init__(self, config: HardwareConfig, robot: Robot) -> None:
         super().__init__(config, robot)
-        self._decoder = Decoder()
+        self._buffer = bytearray()
         self._version: tuple[int, ...] = ()
         self._car_type = 0
         per_turn = config.counts_per_turn or COUNTS_PER_TURN
@@ -134,14 +96,33 @@ class RosmasterX3(Board):
         )
 
     def feed(self, data: bytes) -> list[Report]:
-        before = self._decoder.skipped
-        reports: list[Report] = []
-        for function, payload in self._decoder.feed(data):
-            self.frames += 1
-            if (report := self._report(function, payload)) is not None:
-                reports.append(report)
-        self.refused += self._decoder.skipped > before
-        return reports
+        self._buffer += data
+        reports = (self._report(*frame) for frame in self._take_frames())
+        return [report for report in reports if report is not None]
+
+    def _take_frames(self) -> Iterator[tuple[int, tuple[int, ...]]]:
+        """Yield function and payload of each frame in the buffer.
+
+        After an invalid frame the search restarts at its second byte, so a damaged frame never
+        destroys the next one. Function and length must match, and no length is above 21, so a
+        false start delays the next frame by at most that number of bytes.
+        """
+        buffer, begin, skipped = self._buffer, 0, 0
+        while len(buffer) - begin >= 4:
+            length, function = buffer[begin + 2], buffer[begin + 3]
+            end = begin + 2 + length
+            is_start = buffer[begin : begin + 2] == START and LENGTHS.get(function) == length
+            if is_start and end > len(buffer):
+                break
+            if is_start and sum(buffer[begin + 2 : end - 1]) % 256 == buffer[end - 1]:
+                self.frames += 1
+                yield function, struct.unpack_from(PAYLOADS[function], buffer, begin + 4)
+                begin = end
+            else:
+                begin += 1
+                skipped += 1
+        del buffer[:begin]
+        self.refused += skipped > 0
 
     def _report(self, function: int, payload: tuple[int, ...]) -> Report | None:
         if function == COUNTS:
@@ -185,7 +166,7 @@ class RosmasterX3(Board):
 
     def stop(self) -> Sequence[bytes]:
         zero = frame(MOTION, struct.pack("<B3h", CAR_TYPE, 0, 0, 0))
-        return (zero, frame(RESET_STATE, bytes((CONFIRM,)))) * 2  # a frame may be lost
+        return (zero, frame(RESET_STATE, b"\x5f")) * 2  # a frame may be lost
 
     def turn_wheel(self, wheel: int, share: float) -> bytes:
         duty = [0] * len(WHEELS)  # the others coast

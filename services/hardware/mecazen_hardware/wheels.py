@@ -30,9 +30,7 @@ Four = tuple[float, float, float, float]
 class WheelEstimator:
     """Estimates the wheels' angles and speeds at any time from reports.
 
-    Args:
-        cycle_s: Time between two reports of the board [s].
-        max_speed: Highest speed of the wheels [rad/s].
+    Reports come every `cycle_s` [s], and no wheel is faster than `max_speed` [rad/s].
     """
 
     def __init__(self, cycle_s: float, max_speed: float) -> None:

@@ -68,11 +68,7 @@ class WheelPid:
 
 
 class Firmware:
-    """The board after power-on.
-
-    Args:
-        car_type: Type of the car in the board's flash.
-    """
+    """The board after power-on; `car_type` is in its flash."""
 
     def __init__(self, car_type: int = 1) -> None:
         self.car_type = car_type

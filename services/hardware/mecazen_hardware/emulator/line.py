@@ -23,18 +23,12 @@ BYTES_PER_MS = 11
 """115200 baud, 8N1: ten bits for a byte, so 11.52, rounded down."""
 GAP_S = 0.002
 """Minimum time between two frames so that the board receives both [s]."""
-MAX_LAG_MS = 1000
-"""Lag up to which the emulator catches up; beyond it, its time falls behind the wall clock [ms]."""
 PRIORITY = 2
-"""Real-time priority, above the driver's: a real board does not compete for the host's
-processor."""
+"""Real-time priority, above the driver's: a real board has a processor of its own."""
 
 
 class SerialLine:
-    """The board's end of a line; `name` is the host's end, for `serial.Serial`.
-
-    Args:
-        link: Path of a symbolic link to the host's end, whose device name is not known in advance.
+    """The board's end of a line; `name` and a symbolic link are the host's end.
 
     Raises:
         MecazenError: The path of the link exists already.
@@ -46,11 +40,9 @@ class SerialLine:
         os.set_blocking(self.fd, False)
         self.name = os.ttyname(self._slave)
         self._out = b""
-        if link is not None:
-            self._place(link)
         self._link = link
-
-    def _place(self, link: Path) -> None:
+        if link is None:
+            return
         if link.is_symlink() and not link.exists():
             link.unlink()  # left by an emulator that was killed
         try:
@@ -99,11 +91,8 @@ class Emulator:
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITY))
         begin_s = time.monotonic()
         while not stopped.is_set():
-            due_ms = 1000.0 * (time.monotonic() - begin_s)
-            if due_ms - self._ms > MAX_LAG_MS:
-                begin_s += (due_ms - self._ms) / 1000.0
-                continue
-            while self._ms < int(due_ms):
+            due_ms = int(1000.0 * (time.monotonic() - begin_s))
+            while self._ms < due_ms:
                 self.receive()
                 self.millisecond()
             wait_s = begin_s + (self._ms + 1) / 1000.0 - time.monotonic()

@@ -17,8 +17,7 @@ from mecazen_hardware.emulator.firmware import Instruments
 
 TICK_MS = 5
 ORDER = (0, 2, 1, 3)
-"""The wheels of the motors m1 to m4, as indices in mecazen's order; the permutation is its own
-inverse."""
+"""The wheels of the motors m1 to m4, as indices in mecazen's order."""
 
 RESISTANCE_OHM = 4.5
 BACK_EMF_V_S = 0.34
@@ -37,11 +36,9 @@ SUPPLY_OHM = 0.15
 
 
 def motor_torque(volts: float | None, speed: float) -> tuple[float, float]:
-    """Return torque at the wheel [N·m] and current [A] of a motor.
+    """Return torque at the wheel [N·m] and current [A] of a motor, at a speed of the wheel [rad/s].
 
-    Args:
-        volts: Mean voltage at the motor's terminals; None if they are open.
-        speed: Speed of the wheel [rad/s].
+    `volts` is the mean voltage at the motor's terminals; None if they are open.
     """
     current = 0.0 if volts is None else (volts - BACK_EMF_V_S * speed) / RESISTANCE_OHM
     per_volt = TORQUE_NM_A / RESISTANCE_OHM
@@ -54,11 +51,7 @@ def motor_torque(volts: float | None, speed: float) -> tuple[float, float]:
 
 
 def load(path: Path, overrides: Sequence[str]) -> Scenario:
-    """Load a scenario with the robot of the board.
-
-    Raises:
-        ConfigError: One line with the file, the key and what is allowed.
-    """
+    """Load a scenario with the robot of the board."""
     settings = {
         "robot": "rosmaster_x3",
         **parse_settings(overrides),
@@ -71,14 +64,7 @@ def load(path: Path, overrides: Sequence[str]) -> Scenario:
 
 
 class EmulatedWorld:
-    """The robot around a board, on level ground.
-
-    Args:
-        scenario: The return value of `load`.
-    """
-
-    measured: Instruments
-    """The newest measurements of the board's instruments."""
+    """The robot of a scenario of `load` around a board, on level ground."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._joints = scenario.robot.wheels.joints
@@ -121,3 +107,4 @@ class EmulatedWorld:
             accel=(force.x, force.y, force.z),
             attitude=(0.0, 0.0, truth.pose.pose.to_planar().yaw),
         )
+        """The newest measurements of the board."""
