@@ -337,43 +337,45 @@ class Loop:
         self.tick_ns = tick_ns
         self.stamp = Stamp(0, 0, 0)
         """Stamp of the newest tick."""
+        self._next = 0
+        """The index of the turn to be taken next in the tick in progress."""
         self._refuse = refuse
         self._revising = tuple(turn for turn in turns if turn.revising)
 
-    def step(self, k: int, stamp: Stamp, wait: Callable[[Slot], bool]) -> None:
+    def begin(self, stamp: Stamp) -> None:
+        """Begin a run, in which no tick is in progress."""
+        self.stamp, self._next = stamp, 0
+
+    def step(self, k: int, stamp: Stamp, wait: Callable[[Slot], bool]) -> bool:
         """Take the turns of a tick.
 
         Args:
             k: The number of the tick.
             stamp: The stamp of the outputs.
-            wait: Function that waits for a missing sample; False if the tick is not wanted any
-                more.
+            wait: Function that waits for a missing sample; True: the turn is taken, even if it is
+                still missing.
+
+        Returns:
+            False if `wait` has returned False; the next call continues with the turn that lacks it.
         """
         self.stamp = stamp
-        for turn in self.turns:
-            if not turn.period or k % turn.period:
-                continue
-            for slot in turn.remote:
-                slot.expect(k)
-                if slot.is_missing:
-                    if not wait(slot):
-                        return
-                    slot.late += slot.is_missing
-                slot.take(k)
-            if turn.is_triggered(k):
-                self._step(turn, k, stamp)
-            else:
-                self._publish(turn, k, stamp, {})
-
-    def lacks(self, k: int) -> bool:
-        """Return whether a sample is missing that another process gives for tick `k`."""
-        for turn in self.turns:
-            if turn.period and not k % turn.period:
+        while self._next < len(self.turns):
+            turn = self.turns[self._next]
+            if turn.period and k % turn.period == 0:
                 for slot in turn.remote:
                     slot.expect(k)
                     if slot.is_missing:
-                        return True
-        return False
+                        if not wait(slot):
+                            return False
+                        slot.late += slot.is_missing
+                    slot.take(k)
+                if turn.is_triggered(k):
+                    self._step(turn, k, stamp)
+                else:
+                    self._publish(turn, k, stamp, {})
+            self._next += 1
+        self._next = 0
+        return True
 
     def revise(self) -> None:
         """Repeat the last step of each turn for which a newer command has arrived."""

@@ -147,7 +147,7 @@ def test_a_sample_that_no_node_publishes_begins_no_run(rig, mode):
 
 def test_its_health_has_the_nodes_words_and_what_its_inputs_have_missed(rig):
     rig = rig(mode="real_time")
-    for tick in (0, 1, 2, 8, 9, 100, 101):
+    for tick in (0, 1, 2, 8, 9, 100):
         put_odom(rig, tick)
     last = rig.health.take()[-1].message
     said = {value.key: value.value for value in last.status[0].values}

@@ -38,7 +38,7 @@ class Toy:
         turn.make(lambda _: self, self.scenario)
         turn.remote = tuple(turn.slots)
         for slot in turn.slots:
-            slot.keeps_all = True
+            slot.keeps_all = lockstep
         self.slots = {slot.topic.key: slot for slot in turn.slots}
         self.loop = Loop([turn], TICK_NS, lambda *_: None)
         self.steps = []

@@ -143,7 +143,8 @@ class Host:
         """Begin a run, with the samples of it that have already arrived."""
         if stamp.run != self.stamp.run:
             self._ended.append(self.stamp.run)
-        self.stamp = self.loop.stamp = stamp
+        self.stamp = stamp
+        self.loop.begin(stamp)
         self.next_run = None
         self._reported_s = -1
         for turn in self.loop.turns:
@@ -236,7 +237,7 @@ class Host:
             turn.make(kind, self.scenario)
             for slot in turn.slots:
                 slot.is_remote = slot.giver not in turns
-                slot.keeps_all = self.lockstep or self.bus.hears_itself
+                slot.keeps_all = self.lockstep
                 self._slots_of.setdefault(slot.on_bus.key, []).append(slot)
             turn.remote = tuple(slot for slot in turn.slots if slot.is_remote)
         awaited = {

@@ -25,6 +25,8 @@ class Worker:
         self.host = host
         self._last = -1
         """The newest tick begun in this run."""
+        self._is_in_tick = False
+        """Whether that tick has not ended."""
         # turns that only turns of this process trigger are due together with them
         self._triggers = [
             (turn.period, slots)
@@ -51,46 +53,42 @@ class Worker:
         is_done = self._make_tick()
         if host.next_run is None:
             return is_done
-        self._last = -1
+        self._last, self._is_in_tick = -1, False
         host.begin(host.next_run)
         host.report_if_due()
         return True
 
     def _make_tick(self) -> bool:
-        """Make the next tick; return False if it can't be made, or a new run has to begin."""
+        """Make the next tick; return False if it can't end, or a new run has to begin."""
         host = self.host
-        while (trigger := self._trigger()) is None:
-            has_come = self._wait()
-            host.revise()
-            if not has_come:
-                return False
-        k, stamp = trigger
-        # within one process the samples of all other processes come before the tick
-        if host.bus.hears_itself and host.loop.lacks(k) and not self._is_over(k):
+        if not self._is_in_tick:
+            while (trigger := self._trigger()) is None:
+                has_come = host.bus.spin_once()
+                host.revise()
+                if not has_come or host.next_run is not None:
+                    return False
+            self._last, host.stamp = trigger
+            self._is_in_tick = True
+            host.apply_changes(host.stamp)
+            host.report_if_due()
+        if not host.loop.step(self._last, host.stamp, self._await):
             return False
-        self._last, host.stamp = k, stamp
-        host.apply_changes(stamp)
-        host.report_if_due()
-        host.loop.step(k, stamp, self._await)
+        self._is_in_tick = False
         host.has_news = True  # a command may have arrived after the turn that uses it
         host.revise()
         return True
 
     def _await(self, slot: Slot) -> bool:
-        """Wait for a sample that the tick in progress lacks; return False if a new run begins."""
+        """Wait for a sample that the tick in progress lacks; return False if it can't arrive."""
         host, begin_s = self.host, time.monotonic()
-        while host.next_run is None:
-            if not slot.is_missing or self._is_over(self._last):
-                return True
+        while slot.is_missing and not self._is_over(self._last):
             has_come = host.bus.spin_once(POLL_S)
+            if host.next_run is not None or (host.bus.hears_itself and not has_come):
+                return False
             is_silent = time.monotonic() - begin_s > host.patience_s(slot)
             if host.lockstep and is_silent and not has_come:
                 raise host.silence_of(host.givers([slot]))
-        return False
-
-    def _wait(self) -> bool:
-        """Deliver one sample, query or event; return whether the run continues with it."""
-        return self.host.bus.spin_once() and self.host.next_run is None
+        return True
 
     def _trigger(self) -> tuple[int, Stamp] | None:
         """Return the tick to make and its stamp, if a sample that triggers it has arrived."""
