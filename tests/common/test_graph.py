@@ -1,36 +1,296 @@
-"""The table of nodes: consistent in itself, and what it says of a scenario."""
+"""The graph of a scenario: its nodes, the classes of users, and what it refuses."""
 
+import os
+import re
+import shutil
+import sys
 from collections import Counter
+from types import SimpleNamespace
 from typing import get_args, get_type_hints
 
+import msgspec
 import pytest
-from mecazen import keys
-from mecazen.config import Scenario, SensorConfig, with_guard
+import toys
+from harness import SCENARIOS, error_of
+from mecazen import keys, programs
+from mecazen.config import (
+    FollowerConfig,
+    RobotConfig,
+    Scenario,
+    SensorConfig,
+    SimConfig,
+    with_guard,
+)
+from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, NODES, OBSERVERS, SERVICES, SHARED, Graph, rows, services
-from mecazen.keys import CMD_VEL, ODOM
-from mecazen.row import Row, every
+from mecazen.keys import CLOCK, CMD_VEL, FOLLOWER_STATE, JOINT_COMMAND, ODOM, Topic
+from mecazen.loading import load_scenario
+from mecazen.messages import String
+from mecazen.programs import classes, find, graph_of, refuse_missing
+from mecazen.row import Row, due, every, latest
 
 GRAPH_OF_ALL = Graph(GRAPH)
+LOOP = Topic("loop", String, "")
 
 
-def test_names_are_unique_and_each_table_of_names_follows():
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Programs of a user, in the folder where the process is started."""
+    shutil.copy(toys.__file__, tmp_path / "my.py")
+    for name, text in (("wrong", "class Toy("), ("needs", "import not_there"), ("fails", "1 / 0")):
+        (tmp_path / f"{name}.py").write_text(text)
+    (tmp_path / "folder.py").mkdir()
+    os.mkfifo(tmp_path / "pipe.py")
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("program", "line"),
+    [
+        ("physic", "physic: no such node; nodes: body, .*; or file.py:Class of your own"),
+        ("none.py:Toy", "none.py: can't be imported: .*No such file"),
+        ("wrong.py:Toy", r"wrong.py: can't be imported: .*\(wrong.py, line 1\)"),
+        ("needs.py:Toy", "needs.py: can't be imported: No module named 'not_there'"),
+        ("fails.py:Toy", r"fails.py: can't be imported: ZeroDivisionError: .*\(fails.py:1 <mod"),
+        ("folder.py:Toy", "folder.py: can't be imported: "),
+        ("pipe.py:Toy", "pipe.py: must be a regular file, not a device or a pipe"),
+        ("not_there:Toy", "not_there: can't be imported: No module named 'not_there'"),
+        ("my.py", "my.py: add the class, such as my.py:MyFollower"),
+        ("my.py:", "my.py:: no such class in my.py"),
+        ("my.py:None", "my.py:None: no such class in my.py"),
+        ("my.py:Lader", r"my.py:Lader: no such class in my.py; did you mean Leader\?"),
+        ("my.py:Gain", "my.py:Gain: not a subclass of mecazen.node.Node"),
+        ("my.py:every", "my.py:every: not a subclass of mecazen.node.Node"),
+        ("my.py:Toy", "my.py:Toy: needs ROW, its row of the graph"),
+        ("my.py:Untyped", "my.py:Untyped: SECTION must be a subclass of mecazen.schema.Section"),
+        (":Toy", "'': neither file.py nor a module's name"),
+        ("..toy:Toy", "..toy: neither file.py nor a module's name"),
+    ],
+)
+def test_a_wrong_program_is_one_line(program, line):
+    assert re.match(line, error_of(ConfigError, lambda: find("mine", {"mine": program})))
+
+
+def test_a_node_without_its_extra_is_refused_with_the_extra(monkeypatch):
+    monkeypatch.setattr(programs, "is_installed", lambda extra: extra != "sensors")
+    text = error_of(ConfigError, lambda: find("lidar", {}))
+    assert text == "lidar is not installed: pip install 'mecazen[sensors]'"
+
+
+MINE = "programs.mine = '../my.py:Mine'\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("services = ['physics', 'sensors']", "services: sensors takes no part with sensor.kind ="),
+        (
+            "services = ['physics', 'guard']\nguard.enabled = false",
+            "services: guard takes no part with guard.enabled = false",
+        ),
+        ("services = ['physics', 'target', 'follower']", "services: follower needs odom, which no"),
+        ("programs.nowhere = '../my.py:Toy'", ".*/my.py:Toy: needs ROW, its row of the graph"),
+        (
+            "services = ['viewer']\nprograms.viewer = '../my.py:Leader'",
+            ".*/my.py:Leader: in the place of viewer there is a Observer",
+        ),
+        (
+            "programs.mine = '../my.py:Watcher'",
+            "mine: an observer takes the place of one in the graph",
+        ),
+        ("programs.follower = '../my.py:Mine'", ".* must be a subclass of .*FollowerConfig"),
+        (
+            "programs.my-node = '../my.py:Mine'",
+            "programs: 'my-node' has a section, so its name must be letters, digits and _",
+        ),
+        ("programs.mine = '../my.py:Required'", ".*mine: missing"),
+        (f"{MINE}mine.gain = 0", ".*mine.gain: got 0; allowed: a number > 0"),
+        (f"{MINE}mine.gian = 2.0", ".*mine.gian: unknown key; did you mean gain"),
+        ("controller.command_key = 'odom'", "controller.command_key: odom is the key of another"),
+        *(
+            (f"programs.'{name}' = '../my.py:Mine'", f".*programs: '{re.escape(name)}' can't be")
+            for name in ("clock", "collector", "router", "sim", "a/b", "a+b", "é", "")
+        ),
+    ],
+)
+def test_a_wrong_scenario_is_one_line(write_scenario, text, line):
+    path = write_scenario(text)
+
+    def load():
+        scenario = load_scenario(path)
+        graph_of(scenario)
+        for service in scenario.services:
+            classes(service, scenario)
+
+    assert re.match(line, error_of(ConfigError, load))
+
+
+def row(name, *inputs, gives=(), **more):
+    """Return a row, with a step for each tick if no inputs are named."""
+    return Row(name, inputs=inputs or (every(CLOCK),), outputs=tuple(gives), **more)
+
+
+def topic(key):
+    return Topic(key, String, "")
+
+
+def graph_with(scenario, monkeypatch, *more, **changes):
+    """Return the graph of a scenario with the nodes of a user, by their rows."""
+    kinds = {row.name: type(row.name, (toys.Toy,), {"ROW": row}) for row in more}
+    monkeypatch.setitem(sys.modules, "user", SimpleNamespace(**kinds))
+    table = {"services": scenario.services} | changes
+    table["services"] = tuple(dict.fromkeys((*table["services"], *kinds)))
+    user_programs = {name: f"user:{name}" for name in kinds}
+    return graph_of(msgspec.structs.replace(scenario, programs=user_programs, **table))
+
+
+@pytest.mark.parametrize(
+    ("more", "changes", "line"),
+    [
+        (
+            [row("follower", gives=[FOLLOWER_STATE])],
+            {},
+            "user:follower: in the place of follower it must give cmd_vel, which controller waits",
+        ),
+        (
+            [row("target", gives=[keys.TARGET_ODOM])],
+            {},
+            "user:target: in the place of target it must give target/observation, which follower",
+        ),
+        ([row("mine", gives=[topic("a//b")])], {}, "user:mine: 'a//b' is no key: "),
+        ([row("mine", every(topic("odom")))], {}, "user:mine: odom is a key of mecazen's own"),
+        ([row("mine", latest(ODOM), gives=[LOOP])], {}, "user:mine: no input of rule `every`"),
+        ([row("mine", every(LOOP))], {}, "user:mine: mine needs loop, which no node here gives"),
+        (
+            [row("mine", calls=(keys.SET_ODOMETRY,))],
+            {},
+            "odometry and mine both give set_odometry",
+        ),
+        (
+            [row("mine", gives=[LOOP])],
+            {"robots": (RobotConfig(name="loop"),)},
+            "robots: the name 'loop' begins a key of a node",
+        ),
+        *(
+            (
+                [
+                    row("mine", every(FOLLOWER_STATE), gives=[LOOP]),
+                    row("follower", every(ODOM), rule(LOOP), gives=NODES["follower"].outputs),
+                ],
+                {"sim": SimConfig(mode=mode)},
+                "(mine waits for follower|follower waits for mine) waits",
+            )
+            for rule, mode in ((due, "real_time"), (latest, "lockstep"))
+        ),
+    ],
+)
+def test_a_wrong_row_is_one_line(scenario, monkeypatch, more, changes, line):
+    run = lambda: graph_with(scenario, monkeypatch, *more, **changes)  # noqa: E731
+    assert re.match(line, error_of(ConfigError, run))
+
+
+@pytest.mark.parametrize(
+    ("make", "line"),
+    [
+        (lambda: every("odom"), r"every\('odom'\): needs a topic, such as mecazen.keys"),
+        (lambda: Row("a", inputs=[every(ODOM)]), "row a: inputs must be a tuple, each Input"),
+        (lambda: Row("a", outputs=("odom",)), "row a: outputs must be a tuple, each Topic"),
+        (lambda: Row("a", outputs=(ODOM, ODOM)), "row a: outputs: each topic at most once"),
+        (lambda: Row("a", rates={"odom": 1.0}), "row a: rates: 'odom' is no key of its outputs"),
+        (lambda: Row("a", outputs=(ODOM,), rates={"odom": 0.0}), "row a: rates: odom must be pos"),
+    ],
+)
+def test_a_row_that_is_none_is_one_line(make, line):
+    assert re.match(line, error_of(ConfigError, make))
+
+
+def test_a_controller_of_a_user_does_not_bypass_the_guard():
+    class Wheels(toys.Toy):
+        ROW = Row("controller", inputs=(due(CMD_VEL),), outputs=(JOINT_COMMAND,))
+
+    teleop = SCENARIOS / "teleop.toml"
+    with pytest.raises(ConfigError, match="takes guard/cmd_vel, not cmd_vel"):
+        graph_of(load_scenario(teleop), {"controller": Wheels})
+    graph_of(load_scenario(teleop, {"guard.enabled": False}))
+
+
+def test_a_user_class_takes_the_place_of_a_node(write_scenario, tmp_path, monkeypatch):
+    path = write_scenario("[programs]\nfollower = '../my.py:Leader'\n")
+    monkeypatch.chdir(tmp_path / "robots")
+    scenario = load_scenario(path)
+    leader = find("follower", scenario.programs)
+    assert leader.__name__ == find(f"{tmp_path / 'my.py'}:Leader", {}).__name__ == "Leader"
+    assert graph_of(scenario).row("follower").inputs == leader.ROW.inputs
+    # a container of another service lacks the file: there the row of the table applies
+    scenario.programs["follower"] = str(tmp_path / "elsewhere.py:Leader")
+    assert graph_of(scenario).row("follower").inputs != leader.ROW.inputs
+    assert graph_of(scenario, {"follower": leader}).row("follower").inputs == (every(ODOM),)
+    with pytest.raises(ConfigError, match=r"elsewhere.py: can't be imported"):
+        refuse_missing("follower", scenario)
+    refuse_missing("controller", scenario)
+
+
+def test_a_user_node_takes_part_with_its_section(write_scenario):
+    scenario = load_scenario(write_scenario(f"{MINE}mine.gain = 2.0\n"))
+    assert scenario.services == (*Scenario.__struct_defaults__[0], "mine")
+    assert scenario.parts[-1] == ("mine", "")
+    assert scenario.mine.gain == 2.0
+    assert graph_of(scenario).row("mine").part_of == "mine"
+    named = load_scenario(write_scenario(f"services = ['mine', 'physics']\n{MINE}"))
+    assert named.services == ("mine", "physics")
+
+
+def test_a_class_in_a_nodes_place_may_extend_its_section(write_scenario):
+    text = "[follower]\nstandoff_m = 2.0\ngain = 3.0\n"
+    path = write_scenario(f"programs.follower = '../my.py:Gainer'\n{text}")
+    follower = load_scenario(path).follower
+    assert (follower.standoff_m, follower.gain) == (2.0, 3.0)
+    # a container of another service lacks the file, which alone can read the section
+    programs = "follower = 'elsewhere.py:Gainer'\nodometry = 'elsewhere.py:Gainer'\n"
+    path = write_scenario(f"[programs]\n{programs}{text}[odometry]\ngain = 3.0\n")
+    assert load_scenario(path).follower == FollowerConfig()
+
+
+def test_a_class_without_a_row_has_the_row_of_its_place(write_scenario):
+    scenario = load_scenario(write_scenario("programs.follower = '../my.py:Toy'\n"))
+    assert graph_of(scenario).row("follower").outputs == (FOLLOWER_STATE, CMD_VEL)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "more", "giver"),
+    [
+        ({}, set(), "target"),
+        ({"kind": "body"}, {"tracker", "body"}, "body"),
+        ({"kind": "legs"}, {"lidar", "legs", "guard"}, None),
+        ({"kind": "fused"}, {"tracker", "body", "lidar", "legs", "guard"}, "body"),
+        ({"also": ("lidar", "depth")}, {"lidar", "depth", "guard"}, "target"),
+    ],
+)
+def test_nodes_take_part_with_the_sensor_that_needs_them(write_scenario, sensor, more, giver):
+    lines = msgspec.toml.encode({"sensor": sensor}).decode()
+    graphs = [graph_of(load_scenario(write_scenario(text))) for text in ("", lines)]
+    plain, graph = graphs
+    assert {row.name for row in graph.rows} - {row.name for row in plain.rows} == more
+    row = graph.giver(keys.OBSERVATION.key)
+    assert (row and row.name) == giver
+    assert (graph.giver(keys.TARGET_SKELETON.key) is not None) == bool(more)
+
+
+def test_the_tables_of_names_follow_from_the_rows():
     counts = Counter((row.part_of, row.name) for row in GRAPH)
     assert set(counts.values()) == {1}
     assert set(SERVICES) == {row.part_of for row in GRAPH}
     assert set(SHARED) == {row.part_of for row in GRAPH if row.shared}
     assert set(OBSERVERS) == {row.part_of for row in GRAPH if row.observes}
     assert set(NODES) == {row.name for row in GRAPH} - {"clock"}
-
-
-def test_every_input_is_given_by_a_node_or_anyone_may_give_it():
-    taken = {i.topic for row in GRAPH for i in row.inputs} - {keys.DIAGNOSTICS}  # of every service
-    assert [t.key for t in taken if not (t.open or GRAPH_OF_ALL.giver(t.key))] == []
+    for nodes in services(GRAPH).values():
+        assert len({(row.observes, row.priority) for row in nodes}) == 1
+        assert len({row.shared for row in nodes if row.name != "motors"}) == 1
 
 
 @pytest.mark.parametrize("kind", get_args(get_type_hints(SensorConfig)["kind"]))
-def test_every_awaited_key_of_a_kind_of_sensor_has_one_giver(kind):
-    features = with_guard(SensorConfig(kind=kind).features, enabled=True)
-    nodes = rows(features)
+def test_every_awaited_topic_of_a_sensor_has_one_giver(kind):
+    nodes = rows(with_guard(SensorConfig(kind=kind).features, enabled=True))
     givers = Counter(topic for row in nodes for topic in row.outputs)
     awaited = {i.topic for row in nodes for i in row.inputs if i.rule == "every"}
     assert {givers[topic] for topic in awaited} == {1}
@@ -38,24 +298,20 @@ def test_every_awaited_key_of_a_kind_of_sensor_has_one_giver(kind):
     assert givers[keys.OBSERVATION] + givers[keys.LEGS] > 0
 
 
-def test_every_key_of_the_tables_is_given_or_answered_once():
-    given = {topic for row in GRAPH for topic in row.outputs}
-    anyone = {keys.EMERGENCY_STOP, keys.TARGET_CMD_VEL, keys.DIAGNOSTICS}
-    assert set(keys.TOPICS) - given == anyone
-    for left_out in ("physics", "hardware"):  # one of them takes the place of the other
-        nodes = [row for row in GRAPH if row.part_of != left_out]
+def test_every_topic_and_call_has_one_giver_or_is_open():
+    inputs = {i.topic for row in GRAPH for i in row.inputs} - {keys.DIAGNOSTICS}
+    assert [t.key for t in inputs if not (t.open or GRAPH_OF_ALL.giver(t.key))] == []
+    outputs = {topic for row in GRAPH for topic in row.outputs}
+    from_outside = {keys.EMERGENCY_STOP, keys.TARGET_CMD_VEL, keys.DIAGNOSTICS}
+    assert set(keys.TOPICS) - outputs == from_outside
+    for world in ("physics", "hardware"):  # a scenario has one of them
+        nodes = [row for row in GRAPH if row.part_of != world]
         answered = Counter(call for row in nodes for call in row.calls)
         assert set(answered.values()) == {1}
         assert set(keys.CALLS) - set(answered) <= {keys.STOP_MOTORS, keys.RELEASE_MOTORS}
 
 
-def test_services_have_nodes_of_one_kind():
-    for nodes in services(GRAPH).values():
-        assert len({(row.observes, row.priority) for row in nodes}) == 1
-        assert len({row.shared for row in nodes if row.name != "motors"}) == 1
-
-
-def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist():
+def test_rates_are_those_of_outputs_and_of_existing_settings():
     sections = get_type_hints(Scenario)
     for row in GRAPH:
         assert set(row.rates) <= {topic.key for topic in row.outputs}
@@ -64,23 +320,17 @@ def test_rates_are_those_of_outputs_and_refer_to_settings_that_exist():
             assert setting in sections[section].__struct_fields__
 
 
-@pytest.mark.parametrize(
-    ("topic", "rate"),
-    [
-        (keys.JOINT_STATES, None),
-        (keys.JOINT_COMMAND, None),
-        (ODOM, "controller.update_rate_hz"),
-        (CMD_VEL, "controller.update_rate_hz"),  # that of the odometry, by which it comes
-        (keys.OBSERVATION, "sensor.rate_hz"),
-        (keys.TARGET_CMD_VEL, None),  # no node's
-    ],
-)
-def test_a_topic_comes_at_the_rate_of_its_row_or_of_its_givers_inputs(topic, rate):
-    assert GRAPH_OF_ALL.rate(topic.key) == rate
-
-
-def test_a_graph_that_goes_in_circles_has_rates():
-    one = Row("one", inputs=(every(ODOM),), outputs=(CMD_VEL,))
-    assert Graph((one, Row("two", (), (every(CMD_VEL),), (ODOM,)))).rate(ODOM.key) is None
-    timed = Row("two", inputs=(every(CMD_VEL),), outputs=(ODOM,), rates={ODOM.key: 20.0})
-    assert Graph((one, timed)).rate(CMD_VEL.key) == 20.0
+def test_a_topic_has_the_rate_of_its_row_or_of_its_givers_inputs(write_scenario):
+    topics = (keys.JOINT_STATES, JOINT_COMMAND, keys.TARGET_CMD_VEL, CMD_VEL, keys.OBSERVATION)
+    rates = [GRAPH_OF_ALL.rate(topic.key) for topic in topics]
+    assert rates == [None, None, None, "controller.update_rate_hz", "sensor.rate_hz"]
+    fused = load_scenario(write_scenario("sensor.kind = 'fused'\n"))
+    ticks = [fused.ticks_per(graph_of(fused).rate(topic.key)) for topic in (keys.LEGS, topics[-1])]
+    assert ticks == [10, 4]
+    circle = [
+        row("first", every(ODOM), gives=[CMD_VEL]),
+        row("second", every(CMD_VEL), gives=[ODOM]),
+    ]
+    assert Graph(circle).rate(ODOM.key) is None
+    circle[1] = row("second", every(CMD_VEL), gives=[ODOM], rates={ODOM.key: 20.0})
+    assert Graph(circle).rate(CMD_VEL.key) == 20.0

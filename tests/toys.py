@@ -1,0 +1,68 @@
+"""Toy nodes. Tests also copy this file beside a scenario, as the program of a user."""
+
+from mecazen.config import FollowerConfig
+from mecazen.keys import CLOCK, CMD_VEL, ODOM, TARGET_CMD_VEL
+from mecazen.node import Node
+from mecazen.row import Row, every, latest
+from mecazen.runtime.observer import Observer
+from mecazen.schema import Positive, Section
+
+
+class Toy(Node):
+    """Does nothing, and has no row."""
+
+    def reset(self, seed): ...
+
+    def step(self, tick, inputs):
+        return {}
+
+
+class Gain(Section):
+    gain: Positive = 1.0
+
+
+class RequiredGain(Section):
+    gain: Positive
+
+
+class FollowerGain(FollowerConfig):
+    gain: Positive = 1.0
+
+
+class Mine(Toy):
+    ROW = Row("mine", inputs=(every(CLOCK), latest(ODOM)), outputs=(TARGET_CMD_VEL,))
+    SECTION = Gain
+
+
+class Required(Mine):
+    SECTION = RequiredGain
+
+
+class Untyped(Mine):
+    SECTION = int
+
+
+class Leader(Toy):
+    ROW = Row("leader", inputs=(every(ODOM),), outputs=(CMD_VEL,))
+
+
+class Gainer(Leader):
+    SECTION = FollowerGain
+
+
+class Watcher(Observer):
+    """Records its runs and samples: the seed of a run; the message and stamp of a sample."""
+
+    TOPICS = ()
+
+    def __init__(self, bus, scenario):
+        super().__init__("toy", bus, scenario)
+        self.events = []
+        for topic in self.TOPICS:
+            self.subscribe(topic, lambda *sample: self.events.append(sample))
+
+    def reset(self, seed):
+        self.events.append(seed)
+
+    def diagnostics(self):
+        return {"runs": sum(isinstance(event, int) for event in self.events)}
