@@ -46,8 +46,19 @@ def explain(
     else:
         # a path of msgspec does not name the key of a table of any keys: show all of it
         shown = repr(value) if isinstance(node, mi.DictType) else show(value)
-        problem = f"got {shown:.60}; allowed: {describe(node)}"
+        problem = f"got {shown:.60}; allowed: {describe(node)}{_unit_hint(key, value, node)}"
     return ".".join(filter(None, (prefix, *key))), problem
+
+
+def _unit_hint(key: Iterable[str], value: Any, node: mi.Type) -> str:
+    """Return a hint at the unit if a thousandth of a number that is too large is allowed."""
+    largest = getattr(node, "le", None)
+    is_number = isinstance(value, int | float) and largest is not None
+    if is_number and largest < abs(value) <= 1000.0 * largest:
+        for suffix, unit in (("_m", "millimetres"), ("_kg", "grams")):
+            if any(name.endswith(suffix) for name in key):
+                return f"; {value:g} looks like {unit}"
+    return ""
 
 
 def suggestion(word: str, known: Iterable[str], distant: Iterable[str] = ()) -> str:

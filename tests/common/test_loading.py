@@ -129,7 +129,18 @@ WRONG = [
         "robot.base.clearance_m, robot.wheels, robot.rollers, robot.camera, robot.lidar: missing",
     ),
     ("", ("robot.wheels.raduis_m=1",), f"{TEST} with robot.wheels.raduis_m: unknown key; did you"),
-    ("", ("robot.wheels.radius_m=47.5",), f"{TEST} with robot.wheels.radius_m: got 47.5; allowed:"),
+    (
+        "",
+        ("robot.wheels.radius_m=47.5",),
+        f"{TEST} with robot.wheels.radius_m: got 47.5; allowed: a number > 0 and <= 0.5; 47.5 "
+        "looks like millimetres",
+    ),
+    (
+        "",
+        ("robot.base.mass_kg=12000",),
+        f"{TEST} with robot.base.mass_kg: got 12000; allowed: a number > 0 and <= 2000; 12000 "
+        "looks like grams",
+    ),
     ("", ("robot.camera.size_m=[1.0]",), f"{TEST} with robot.camera.size_m: robot: camera.size_m"),
     # several robots
     ("robots = 'one'", (), f"{TEST}: robots: got 'one'; allowed: a list, each a table"),
