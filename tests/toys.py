@@ -1,5 +1,10 @@
 """Toy nodes. Tests also copy this file beside a scenario, as the program of a user."""
 
+import sys
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
 from mecazen.config import FollowerConfig
 from mecazen.keys import CLOCK, CMD_VEL, ODOM, TARGET_CMD_VEL
 from mecazen.node import Node
@@ -66,3 +71,12 @@ class Watcher(Observer):
 
     def diagnostics(self):
         return {"runs": sum(isinstance(event, int) for event in self.events)}
+
+
+@contextmanager
+def user_nodes(*rows, base=Toy):
+    """Make a class for each row, which programs can name; yield the programs by node name."""
+    kinds = {row.name: type(row.name, (base,), {"ROW": row}) for row in rows}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "user", SimpleNamespace(**kinds))
+        yield {name: f"user:{name}" for name in kinds}

@@ -3,9 +3,7 @@
 import os
 import re
 import shutil
-import sys
 from collections import Counter
-from types import SimpleNamespace
 from typing import get_args, get_type_hints
 
 import msgspec
@@ -134,14 +132,12 @@ def topic(key):
     return Topic(key, String, "")
 
 
-def graph_with(scenario, monkeypatch, *more, **changes):
+def graph_with(scenario, *more, **changes):
     """Return the graph of a scenario with the nodes of a user, by their rows."""
-    kinds = {row.name: type(row.name, (toys.Toy,), {"ROW": row}) for row in more}
-    monkeypatch.setitem(sys.modules, "user", SimpleNamespace(**kinds))
-    table = {"services": scenario.services} | changes
-    table["services"] = tuple(dict.fromkeys((*table["services"], *kinds)))
-    user_programs = {name: f"user:{name}" for name in kinds}
-    return graph_of(msgspec.structs.replace(scenario, programs=user_programs, **table))
+    with toys.user_nodes(*more) as user_programs:
+        services = tuple(dict.fromkeys((*scenario.services, *user_programs)))
+        changes |= {"programs": user_programs, "services": services}
+        return graph_of(msgspec.structs.replace(scenario, **changes))
 
 
 @pytest.mark.parametrize(
@@ -184,9 +180,9 @@ def graph_with(scenario, monkeypatch, *more, **changes):
         ),
     ],
 )
-def test_a_wrong_row_is_one_line(scenario, monkeypatch, more, changes, line):
-    run = lambda: graph_with(scenario, monkeypatch, *more, **changes)  # noqa: E731
-    assert re.match(line, error_of(ConfigError, run))
+def test_a_wrong_row_is_one_line(scenario, more, changes, line):
+    text = error_of(ConfigError, lambda: graph_with(scenario, *more, **changes))
+    assert re.match(line, text)
 
 
 @pytest.mark.parametrize(

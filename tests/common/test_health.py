@@ -1,51 +1,85 @@
-"""The health of a service: what it reports once a second, and whether it is alive."""
+"""Observers: their samples and runs; and the health that a service reports once a second."""
 
 import pytest
 from harness import forward, wait
+from mecazen.bus import StoppedError
 from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.health import health
 from mecazen.keys import CLOCK, CMD_VEL, JOINT_STATES, diagnostics
-from mecazen.messages import Clock
-from mecazen.runtime.observer import Observer
+from mecazen.messages import Clock, JointState
 from mecazen.wire import Stamp
+from toys import Watcher
 
 TICK_NS = 10_000_000
 
 
-class Toy(Observer):
-    """Takes three topics, and counts its runs."""
+class Viewer(Watcher):
+    TOPICS = (CMD_VEL, JOINT_STATES, CLOCK)
 
-    def __init__(self, bus, scenario):
-        self.runs = 0
-        super().__init__("toy", bus, scenario)
-        for topic in (CLOCK, CMD_VEL, JOINT_STATES):
-            self.subscribe(topic, lambda *_: None)
 
-    def reset(self, seed):
-        self.runs += 1
-
-    def diagnostics(self):
-        return {"runs": self.runs}
+@pytest.fixture(autouse=True)
+def viewer(bus, scenario):
+    return Viewer(bus, scenario)
 
 
 @pytest.fixture
-def reports(bus, scenario):
-    """Return the list of health reports of a toy: each status, with its values as a table."""
-    toy, reports = Toy(bus, scenario), []
+def reports(bus, viewer):
+    """Return the list of health reports: each status, with its values as a table."""
+    reports = []
 
     def on_report(array, stamp):
         assert array.header.stamp == stamp.time
         (status,) = array.status
-        assert status.name == toy.name
+        assert status.name == viewer.name
         reports.append((status, {pair.key: pair.value for pair in status.values}))
 
     bus.subscribe(diagnostics("toy"), on_report)
     return reports
 
 
-def at(tick, run=1):
-    return Stamp(tick * TICK_NS, run, 9)
+def at(tick, run=1, seed=9):
+    return Stamp(tick * TICK_NS, run, seed)
+
+
+def test_a_new_run_resets_before_its_first_sample(viewer, put):
+    put(JOINT_STATES, JointState(), at(0))
+    put(CMD_VEL, forward(0.2), at(1))
+    put(CLOCK, Clock(), at(0, run=2, seed=10))
+    put(CMD_VEL, forward(0.3), at(0, run=2, seed=10))
+    first = [9, (JointState(), at(0)), (forward(0.2), at(1))]
+    start = at(0, run=2, seed=10)
+    assert viewer.events == [*first, 10, (Clock(), start), (forward(0.3), start)]
+
+
+def test_samples_of_an_ended_run_are_dropped(viewer, put):
+    for run in (1, 2, 3):
+        put(CLOCK, Clock(), at(0, run=run))
+    viewer.events.clear()
+    for run in (0, 1, 2):
+        put(CMD_VEL, forward(0.1), at(100, run=run))
+        put(JOINT_STATES, JointState(), at(100, run=run))
+    assert viewer.events == []
+    assert viewer.stamp == at(0, run=3)
+
+
+def test_an_open_topic_begins_no_run_and_advances_no_clock(viewer, bus, put):
+    put(CLOCK, Clock(), at(2))
+    viewer.events.clear()
+    put(CMD_VEL, forward(0.1), at(3, run=2))
+    put(CMD_VEL, forward(0.2), at(3))
+    bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    put(JOINT_STATES, JointState(), at(1))
+    assert viewer.events == [
+        *((forward(0.2), at(3)), (forward(0.3), None), (JointState(), at(1))),
+    ]
+    assert viewer.stamp == at(2)
+
+
+def test_an_observer_runs_until_the_bus_stops(viewer, bus):
+    bus.stop()
+    with pytest.raises(StoppedError):
+        viewer.run()
 
 
 def test_refused_payloads_and_unknown_fields_are_warnings(bus, put, reports):
@@ -66,7 +100,7 @@ def test_refused_payloads_and_unknown_fields_are_warnings(bus, put, reports):
     assert fields["ignored/cmd_vel"] == hint
 
 
-def test_rates_and_ages_of_inputs_are_reported_each_second(bus, put, reports):
+def test_rates_and_ages_of_inputs_are_reported(bus, put, reports):
     for tick in range(301):
         put(CLOCK, Clock(), at(tick))
         if 100 <= tick < 200 and tick % 4 == 0:
@@ -77,8 +111,7 @@ def test_rates_and_ages_of_inputs_are_reported_each_second(bus, put, reports):
     assert columns["hz/clock"] == [None, "100.0", "100.0", "100.0"]
     assert columns["hz/cmd_vel"] == [None, "0.0", "25.0", "1.0"]
     assert columns["age_s/cmd_vel"] == [None, "never", "0.04", "0.5"]
-    # a new run begins with inputs that never came
-    for tick in range(101):
+    for tick in range(101):  # a new run begins with inputs that never came
         put(CLOCK, Clock(), at(tick, run=2))
     values = reports[-1][1]
     assert (values["hz/cmd_vel"], values["age_s/cmd_vel"]) == ("0.0", "never")
@@ -87,10 +120,9 @@ def test_rates_and_ages_of_inputs_are_reported_each_second(bus, put, reports):
 def test_restarts_of_services_are_counted(bus, put, reports):
     returned = []
     bus.presence.on_return.append(returned.append)
-    for alive in (True, False, True, True, False, True):
-        bus.presence.update("controller", alive=alive)
-    for alive in (True, False, True):
-        bus.presence.update("tool", alive=alive)
+    for name, states in (("controller", (1, 0, 1, 1, 0, 1)), ("tool", (1, 0, 1))):
+        for alive in states:
+            bus.presence.update(name, alive=bool(alive))
     put(CLOCK, Clock(), at(0))
     assert returned == ["controller", "controller", "tool"]
     restarts = {key: value for key, value in reports[0][1].items() if "restarts" in key}

@@ -1,248 +1,289 @@
 """The nodes of a service on a bus: the inputs of each step, and the use of its outputs."""
 
-from dataclasses import replace
+import math
+import re
 
 import msgspec
 import pytest
-from harness import Rig, ask_bytes, load_robot
+from harness import Rig, ask_bytes, error_of
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import Scenario, SimConfig
-from mecazen.errors import BusError, ConfigError
+from mecazen.config import SimConfig
+from mecazen.errors import BusError, ConfigError, NodeError, RefusedError, explaining
 from mecazen.geometry import Pose2D, Twist2D
+from mecazen.keys import CMD_VEL, OBSERVATION, ODOM, TARGET_CMD_VEL
 from mecazen.loading import load_scenario
-from mecazen.node import Node
+from mecazen.node import Inputs
 from mecazen.row import Row, due, every, latest
 from mecazen.runtime.host import part_of
-from mecazen.wire import RefusedError, Stamp
+from mecazen.wire import Stamp
+from toys import Toy
 
-INPUTS = (every(keys.ODOM), due(keys.OBSERVATION), latest(keys.TARGET_CMD_VEL))
-PLACE = keys.Call("toy/place", m.OdometryRequest, m.Odometry, "where it is")
-NO_WORDS = m.Twist.planar(Twist2D(x=-1.0))
-"""A message that the toy refuses."""
+PLACE, SILENT = (
+    keys.Call(f"toy/{name}", m.OdometryRequest, m.Odometry, "") for name in ("place", "silent")
+)
+BACKWARDS = m.Twist.planar(Twist2D(x=-1.0))
+"""A message that the node refuses."""
 
 
-class Toy(Node):
-    """Writes down its steps, and gives the number of each as a speed."""
+class Follower(Toy):
+    """Records its events, and gives the number of each step as a speed."""
 
-    ROW = Row("toy", "", INPUTS, (keys.CMD_VEL,), (PLACE,), resets_with=("controller",))
+    ROW = Row(
+        "toy",
+        inputs=(every(ODOM), due(OBSERVATION), latest(TARGET_CMD_VEL), latest(keys.LEGS)),
+        outputs=(CMD_VEL,),
+        calls=(PLACE, SILENT),
+        resets_with=("controller",),
+    )
 
     def __init__(self, scenario):
         super().__init__(scenario)
+        self.config, self.sim = scenario.follower, scenario.sim
         self.events = []
-        self.closed = False
 
     def reset(self, seed):
         self.events.append(("reset", seed))
 
     def step(self, tick, inputs):
-        if inputs.get(keys.TARGET_CMD_VEL) == NO_WORDS:
-            inputs.refuse(keys.TARGET_CMD_VEL, "not forward")
-        ages = inputs.age_s(keys.OBSERVATION), inputs.age_s(keys.TARGET_CMD_VEL)
-        assert inputs[keys.ODOM].header.stamp == tick.time == m.Time.from_ns(tick.time_ns)
-        self.events.append((tick.number, tick.period_s, *ages))
-        return {keys.CMD_VEL: m.Twist.planar(Twist2D(x=float(tick.number)))}
+        if inputs.get(TARGET_CMD_VEL) == BACKWARDS:
+            inputs.refuse(TARGET_CMD_VEL, "not forward")
+        ages = inputs.age_s(OBSERVATION), inputs.age_s(TARGET_CMD_VEL)
+        assert inputs[ODOM].header.stamp == tick.time == m.Time.from_ns(tick.time_ns)
+        self.events.append((tick.number, tick.period_s, *ages, self.config.standoff_m))
+        return {CMD_VEL: m.Twist.planar(Twist2D(x=float(tick.number)))}
 
     def answer(self, call, request):
+        if call is SILENT:
+            return super().answer(call, request)
         if request.pose.position.x < 0.0:
             raise RefusedError("behind the start")
         return m.Odometry(child_frame_id=call.key)
+
+    def configure(self, scenario):
+        super().configure(scenario)
+        self.events.append("configured")
 
     def diagnostics(self):
         return {"events": len(self.events)}
 
     def close(self):
-        self.closed = True
+        self.events.append("closed")
 
 
 @pytest.fixture
 def rig(scenario):
-    """A toy in the follower's place, with a frame every fourth tick."""
+    """Return a rig of a toy in the follower's place, with a frame every fourth tick."""
 
-    def make(kind=Toy, mode="lockstep", **changes):
-        sim = SimConfig(mode=mode)
-        changed = msgspec.structs.replace(scenario, sim=sim, **changes)
-        return Rig("follower", changed, keys.CMD_VEL, kinds={"follower": kind})
+    def make(kind=Follower, mode="lockstep", **changes):
+        changed = msgspec.structs.replace(scenario, sim=SimConfig(mode=mode), **changes)
+        return Rig("follower", changed, CMD_VEL, kinds={"follower": kind})
 
     return make
 
 
 def put_odom(rig, tick, **stamp):
     at = rig.at(tick, **stamp)
-    odom = m.planar_odometry(at.time, "odom", "base_link", Pose2D(), Twist2D())
-    return rig.put(keys.ODOM, odom, at)
+    return rig.put(ODOM, m.planar_odometry(at.time, "odom", "base", Pose2D(), Twist2D()), at)
 
 
-def test_a_step_is_told_its_tick_its_period_and_the_ages_of_what_it_knows(rig):
+def change(rig, tick, run=1, **settings):
+    values = tuple(m.Parameter(f"follower.{key}", text) for key, text in settings.items())
+    rig.put(keys.PARAMETERS, m.Parameters(parameters=values), rig.at(tick, run))
+
+
+def steps(rig, column):
+    """Return a column of the steps so far: 0 tick, 1 period, 2 and 3 ages, 4 parameter."""
+    return [event[column] for event in rig.node.events if len(event) == 5]
+
+
+def test_inputs_have_ages_from_the_step_they_were_meant_for():
+    samples = {ODOM: m.Odometry(), keys.LEGS: m.Observation(), CMD_VEL: m.Twist()}
+    known_ns = dict.fromkeys((ODOM, OBSERVATION, CMD_VEL), 10000000)
+    inputs = Inputs(samples, known_ns, 30_000_000, {keys.LEGS: 20_000_000})
+    inputs.refuse(CMD_VEL, "backwards")  # as if it never came
+    topics = (ODOM, OBSERVATION, CMD_VEL, keys.LEGS, keys.GROUND_TRUTH)
+    assert [inputs.age_s(topic) for topic in topics] == [0.0, 0.02, 0.02, 0.01, math.inf]
+    assert [inputs.gap_s(topic) for topic in topics] == [0.02, 0.02, 0.02, math.inf, math.inf]
+    assert inputs.get(CMD_VEL) is inputs.get(OBSERVATION) is None
+    with pytest.raises(KeyError):
+        inputs[CMD_VEL]
+    assert inputs.refused == [(CMD_VEL, "backwards")]
+    assert CMD_VEL in samples  # which other nodes have too
+
+
+def test_a_step_has_its_tick_its_period_and_the_ages_of_its_inputs(rig):
     rig = rig()
-    toy = rig.node
-    never = float("inf")
     for tick in (4, 5, 7):
-        rig.put(keys.OBSERVATION, m.Observation(), 4) if tick == 5 else None
-        rig.put(keys.TARGET_CMD_VEL, m.Twist(), 7) if tick == 7 else None
-        (command,) = put_odom(rig, tick) or rig.put(keys.OBSERVATION, m.Observation(), 4)
-        assert command.stamp == rig.at(tick)
-        assert command.message.linear.x == tick
-    assert toy.events == [
-        ("reset", 5),  # as the scenario has it
-        ("reset", 9),  # as the run has it
-        (4, 0.01, 0.0, never),
-        (5, 0.01, 0.01, never),  # of tick 4
-        (7, 0.02, 0.03, 0.0),
+        if tick == 5:
+            rig.put(OBSERVATION, m.Observation(), 4)
+        if tick == 7:
+            rig.put(TARGET_CMD_VEL, m.Twist(), 7)
+        (command,) = put_odom(rig, tick) or rig.put(OBSERVATION, m.Observation(), 4)
+        assert (command.stamp, command.message.linear.x) == (rig.at(tick), tick)
+    assert rig.node.events == [
+        ("reset", 5),  # the scenario's seed
+        ("reset", 9),  # the run's seed
+        (4, 0.01, 0.0, math.inf, 1.0),
+        (5, 0.01, 0.01, math.inf, 1.0),  # of tick 4
+        (7, 0.02, 0.03, 0.0, 1.0),
     ]
 
 
-def test_a_refused_sample_is_counted_and_as_if_it_never_came(rig):
+def test_a_refused_sample_is_counted_and_not_used(rig):
     rig = rig()
     put_odom(rig, 5)
-    for tick, said in ((6, m.Twist()), (7, NO_WORDS)):
-        rig.put(keys.TARGET_CMD_VEL, said, tick)
+    for tick, twist in ((6, m.Twist()), (7, BACKWARDS)):
+        rig.put(TARGET_CMD_VEL, twist, tick)
         put_odom(rig, tick)
-    ages = [event[3] for event in rig.node.events[2:]]
-    assert ages == [float("inf"), 0.0, 0.01]
+    assert steps(rig, 3) == [math.inf, 0.0, 0.01]
     assert rig.bus.refused == {"target/cmd_vel": 1}
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "real_time"])
-def test_an_outsider_speaks_for_no_node_that_takes_part(rig, mode):
+def test_a_topic_of_a_node_is_refused_from_outside(rig, mode):
     rig = rig(mode=mode)
     put_odom(rig, 4)
     rig.bus.put_bytes("target/observation", b"{}")
     rig.bus.put_bytes("odom", b"{}")
     put_odom(rig, 5)
     assert rig.bus.refused == {"target/observation": 1, "odom": 1}
-    # in lockstep no step is made without the frame of the node that takes part
-    ages = [event[2] for event in rig.node.events[2:]]
-    assert ages == ([] if mode == "lockstep" else [float("inf")] * 2)
+    # in lockstep no step is made without the frame of the target
+    assert steps(rig, 2) == ([] if mode == "lockstep" else [math.inf] * 2)
 
 
-def test_a_node_begins_anew_with_each_run_and_with_a_service_that_it_depends_on(rig):
+def test_a_new_run_and_a_return_of_its_service_reset_a_node(rig):
     rig = rig()
-    toy = rig.node
     put_odom(rig, 5)
     put_odom(rig, 5, run=2, seed=10)
     for name in ("target", "controller"):
         for alive in (True, False, True):
             rig.bus.presence.update(name, alive=alive)
     put_odom(rig, 6, run=2, seed=10)
-    steps = [event[:2] for event in toy.events[1:]]
-    assert steps == [("reset", 9), (5, 0.01), ("reset", 10), (5, 0.01), ("reset", 10), (6, 0.01)]
-
-
-class ToyOfLegs(Toy):
-    """Takes legs, which no node of the scenario publishes, as well."""
-
-    ROW = replace(Toy.ROW, inputs=(*INPUTS, latest(keys.LEGS)))
+    events = [event[:2] for event in rig.node.events[1:]]
+    assert events == [("reset", 9), (5, 0.01), ("reset", 10), (5, 0.01), ("reset", 10), (6, 0.01)]
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "real_time"])
-def test_a_sample_that_no_node_publishes_begins_no_run(rig, mode):
-    rig = rig(ToyOfLegs, mode)
+def test_a_topic_without_a_giver_begins_no_run(rig, mode):
+    rig = rig(mode=mode)
     put_odom(rig, 4)
     assert rig.put(keys.LEGS, m.Observation(), rig.at(8, run=77)) == []
-    rig.put(keys.OBSERVATION, m.Observation(), 4)
+    rig.put(OBSERVATION, m.Observation(), 4)
     put_odom(rig, 5)
-    assert [event[0] for event in rig.node.events[2:]] == [4, 5]
+    assert steps(rig, 0) == [4, 5]
 
 
-def test_its_health_has_the_nodes_words_and_what_its_inputs_have_missed(rig):
+def test_health_has_diagnostics_late_samples_and_missed_ticks(rig):
     rig = rig(mode="real_time")
     for tick in (0, 1, 2, 8, 9, 100):
         put_odom(rig, tick)
-    last = rig.health.take()[-1].message
-    said = {value.key: value.value for value in last.status[0].values}
-    # 0 and 8 were closed without a frame; at 100 the step of 9 is the last that was made
-    assert (said["late/target/observation"], said["missed_ticks"]) == ("2", "5")
-    assert said["events"] == "7"
+    values = {pair.key: pair.value for pair in rig.health.take()[-1].message.status[0].values}
+    # 0 and 8 were closed without a frame; at 100 the last step made is that of 9
+    assert (values["late/target/observation"], values["missed_ticks"]) == ("2", "5")
+    assert values["events"] == "7"
 
 
-def test_queries_are_answered_by_the_node_or_refused_in_its_words(rig):
-    bus = rig().bus
-    assert bus.call(PLACE, m.OdometryRequest()).child_frame_id == "toy/place"
-    with pytest.raises(BusError, match=r"^toy/place: behind the start$"):
-        ask_bytes(bus, PLACE, b'{"pose":{"position":{"x":-1}}}')
-
-
-def test_the_end_of_a_service_is_the_end_of_its_nodes(rig):
+def test_a_node_answers_or_refuses_queries_until_it_is_closed(rig):
     rig = rig()
+    assert rig.bus.call(PLACE, m.OdometryRequest()).child_frame_id == "toy/place"
+    with pytest.raises(BusError, match=r"^toy/place: behind the start$"):
+        ask_bytes(rig.bus, PLACE, b'{"pose":{"position":{"x":-1}}}')
+    with pytest.raises(NotImplementedError, match="toy/silent is in the row and has no answer"):
+        rig.bus.call(SILENT, m.OdometryRequest())
     rig.driver.host.close()
-    assert rig.node.closed
+    assert rig.node.events[-1] == "closed"
     assert rig.driver.host.stamp == Stamp(0, 0, 5)
 
 
-ODOMETRY = m.Odometry()
-TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
+def test_a_change_applies_from_its_tick_on(rig):
+    rig = rig()
+    rig.put(OBSERVATION, m.Observation(), 4)
+    sim = rig.node.sim
+    put_odom(rig, 4)
+    change(rig, 6, standoff_m="2")
+    for tick in (5, 6, 7):
+        put_odom(rig, tick)
+    change(rig, 8, standoff_m="2")  # repeated for services that start late
+    rig.put(OBSERVATION, m.Observation(), 8)
+    put_odom(rig, 8)
+    assert steps(rig, 4) == [1.0, 1.0, 2.0, 2.0, 2.0]
+    assert rig.node.events.count("configured") == 1
+    assert rig.node.config is rig.node.scenario.follower
+    assert rig.node.sim == sim
+    put_odom(rig, 1, run=2)
+    change(rig, 2, run=3)  # a restarted clock has no changes
+    put_odom(rig, 2, run=3)
+    assert steps(rig, 4)[-2:] == [2.0, 1.0]
 
 
-def test_a_part_is_of_one_robot_unless_they_share_it(write_scenario):
-    loaded = load_scenario(write_scenario(TWO))
-    assert part_of("physics", loaded, "") is loaded
-    assert part_of("target", loaded, "two") == loaded.of("two")
+def test_a_wrong_change_or_without_a_stamp_is_refused(rig):
+    rig = rig()
+    put_odom(rig, 5)
+    change(rig, 6, standoff_m="-1")
+    change(rig, 6, nothing="1")
+    rig.bus.put_bytes("sim/parameters", b"{}")
+    put_odom(rig, 6)
+    assert steps(rig, 4) == [1.0, 1.0]
+    assert rig.bus.refused == {"sim/parameters": 2}
+
+
+def fail(*_):
+    raise ZeroDivisionError("by\nzero")
+
+
+METHODS = ("__init__", "reset", "step", "configure", "answer", "diagnostics", "close")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_error_in_a_user_node_is_one_line_with_its_place(rig, method):
+    kind = type("Faulty", (Follower,), {method: fail})
+
+    def run(**programs):
+        faulty = rig(kind, programs=programs)
+        put_odom(faulty, 5)
+        change(faulty, 6, standoff_m="2")
+        put_odom(faulty, 6)
+        faulty.bus.call(PLACE, m.OdometryRequest())
+        faulty.driver.host.close()
+
+    line = error_of(NodeError, lambda: run(follower="my.py:Faulty"))
+    assert re.fullmatch(r"follower: ZeroDivisionError: by zero \(.*test_host.py:\d+ fail\)", line)
+    with pytest.raises(ZeroDivisionError):  # an error in an installed node has its traceback
+        run()
+
+
+@pytest.mark.parametrize("error", [ConfigError("no"), RefusedError("no"), NodeError("no")])
+def test_errors_that_explain_themselves_pass(error):
+    with pytest.raises(type(error), match=r"^no$"), explaining("mine"):
+        raise error
+
+
+@pytest.mark.parametrize(
+    ("outputs", "line"),
+    [
+        ("stop", "follower: step must return a mapping of topics to messages, got str"),
+        ({keys.FOLLOWER_STATE: m.FollowerState()}, "follower gives follower/state, which is not"),
+        ({"cmd_vel": m.Twist()}, "follower: step returns 'cmd_vel', which is no topic"),
+        ({CMD_VEL: m.Odometry()}, "follower: step returns cmd_vel as Odometry; it must be Twist"),
+        (
+            {CMD_VEL: m.Twist.planar(Twist2D(x=math.nan))},
+            "follower gives cmd_vel whose linear velocity nan is out of range",
+        ),
+    ],
+)
+def test_a_wrong_output_of_a_user_node_is_refused(rig, outputs, line):
+    kind = type("Wrong", (Follower,), {"step": lambda *_: outputs})
+    wrong = rig(kind, programs={"follower": "my.py:Wrong"})
+    assert error_of(NodeError, lambda: put_odom(wrong, 5)).startswith(line)
+
+
+def test_a_part_belongs_to_a_robot_unless_all_robots_share_it(write_scenario):
+    text = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
+    scenario = load_scenario(write_scenario(text))
+    assert part_of("physics", scenario, "") is scenario
+    assert part_of("target", scenario, "two") == scenario.of("two")
     with pytest.raises(ConfigError, match=r"^target: of which robot. --robot takes one or two$"):
-        part_of("target", loaded, "")
+        part_of("target", scenario, "")
     with pytest.raises(ConfigError, match=r"^--robot one: there is one physics for all robots$"):
-        part_of("physics", loaded, "one")
-
-
-class Follower(Node):
-    """Writes down its steps, with the parameter that counts in them."""
-
-    ROW = Row("follower", inputs=(every(keys.ODOM),), outputs=(keys.CMD_VEL,))
-
-    def __init__(self, scenario):
-        super().__init__(scenario)
-        self.config = scenario.follower
-        self.steps = []
-
-    def reset(self, seed):
-        self.steps.append("reset")
-
-    def step(self, tick, inputs):
-        self.steps.append((tick.number, self.config.standoff_m))
-        return {}
-
-
-@pytest.fixture
-def node():
-    scenario = Scenario(load_robot(), sim=SimConfig(mode="lockstep"))
-    rig = Rig("follower", scenario, kinds={"follower": Follower})
-    steps = rig.node.steps
-
-    def put(tick, run=1, topic=keys.ODOM, message=ODOMETRY):
-        rig.put(topic, message, rig.at(tick, run))
-        made = [*steps]
-        steps.clear()
-        return made
-
-    def change(tick, run=1, **settings):
-        values = tuple(m.Parameter(f"follower.{key}", text) for key, text in settings.items())
-        return put(tick, run, keys.PARAMETERS, m.Parameters(parameters=values))
-
-    put.rig, put.change = rig, change
-    return put
-
-
-def test_a_change_counts_from_its_tick_on_however_early_it_is_known(node):
-    assert node(4)[-1] == (4, 1.0)
-    node.change(6, standoff_m="2")
-    assert [node(5), node(6), node(7)] == [[(5, 1.0)], [(6, 2.0)], [(7, 2.0)]]
-    node.change(8, standoff_m="2")  # repeated for those who come late
-    assert [node(8), node(9)] == [[(8, 2.0)], [(9, 2.0)]]
-    assert node(0, run=2) == ["reset", (0, 2.0)]
-
-
-def test_a_new_run_of_a_restarted_clock_has_no_changes(node):
-    node(4)
-    node.change(5, standoff_m="2")
-    assert node(5) == [(5, 2.0)]
-    node.change(0, run=2)
-    assert node(0, run=2)[-1] == (0, 1.0)
-
-
-def test_a_change_that_is_not_allowed_or_has_no_stamp_is_not_taken(node):
-    node(4)
-    node.change(5, standoff_m="-1")
-    node.change(5, nothing="1")
-    node.rig.bus.put_bytes("sim/parameters", b"{}")
-    assert node(5) == [(5, 1.0)]
-    assert node.rig.bus.refused == {"sim/parameters": 2}
+        part_of("physics", scenario, "one")

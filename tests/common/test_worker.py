@@ -1,157 +1,135 @@
 """Which samples make up a step, and when a worker makes it."""
 
 import re
-from types import SimpleNamespace
 
 import pytest
-from harness import load_robot
+from harness import Rig, load_robot
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.config import Scenario, SimConfig
-from mecazen.graph import Graph
 from mecazen.keys import Topic
-from mecazen.loop import Loop, turns_of
+from mecazen.loop import AHEAD_AT_MOST
 from mecazen.messages import String
-from mecazen.row import Input, Row, due, every, latest
-from mecazen.runtime.worker import Worker
-from mecazen.wire import Stamp
+from mecazen.row import Row, due, every, latest
+from mecazen.wire import encode
+from toys import Toy, user_nodes
 
-TICK_NS = 10_000_000
-A, B, D, E, L = (Topic(key, String, "") for key in "abdel")
-EVERY, BOTH = (every(A),), (every(A), every(B))
-DUE, REVISED = (every(A), due(D)), (every(A), due(D, revises=True))
+A, B, D, E, L = (Topic(key, String, "", open=key in "de") for key in "abdel")
+EVERY, BOTH, DUE = (every(A),), (every(A), every(B)), (every(A), due(D))
+REVISED, BEFORE = (every(A), due(D, revises=True)), (every(A), due(D, before=True))
 
 
-class Toy:
-    """A node whose inputs come from other processes; it writes down its steps."""
-
-    def __init__(self, inputs, lockstep, **periods):
-        self.scenario = Scenario(
-            load_robot(), sim=SimConfig(mode="lockstep" if lockstep else "real_time")
-        )
-        topics = tuple(i.topic for i in inputs if i.topic is not L)
-        periods = {topic.key: periods.get(topic.key, 1) for topic in topics}
-        rates = {key: 100.0 / period for key, period in periods.items()}
-        giver = Row("giver", outputs=topics, rates=rates)
-        rows = (giver, Row("toy", inputs=tuple(inputs)))
-        turn = turns_of(self.scenario, Graph(rows))[-1]
-        turn.make(lambda _: self, self.scenario)
-        turn.remote = tuple(turn.slots)
-        for slot in turn.slots:
-            slot.keeps_all = lockstep
-        self.slots = {slot.topic.key: slot for slot in turn.slots}
-        self.loop = Loop([turn], TICK_NS, lambda *_: None)
-        self.steps = []
-        bus = SimpleNamespace(spin_once=lambda *_: False, hears_itself=True)
-        self.host = SimpleNamespace(
-            loop=self.loop,
-            lockstep=lockstep,
-            tick_ns=TICK_NS,
-            bus=bus,
-            next_run=None,
-            has_news=False,
-            apply_changes=lambda _: None,
-            revise=self.loop.revise,
-            report_if_due=lambda: None,
-        )
-        self.worker = Worker(self.host)
+class Steps(Toy):
+    """Records its steps: the tick, whether it is repeated, and its samples."""
 
     def reset(self, seed):
-        self.steps.append("reset")
+        self.steps = []
 
     def step(self, tick, inputs):
         samples = " ".join(sorted(message.data for message in inputs.samples.values()))
-        again = " again" if tick.period_s == 0.0 else ""
-        self.steps.append(f"{tick.number}{again}: {samples}")
+        self.steps.append(f"{tick.number}{'' if tick.period_s else ' again'}: {samples}")
         return {}
 
-    def put(self, key, data, tick):
-        """Deliver a sample, with the stamp of a tick or without."""
-        slot = self.slots[key]
-        if tick is not None:
-            slot.receive(String(data=data), Stamp(tick * TICK_NS, 1, 9), tick)
-        elif slot.rule != "every":
-            slot.give(String(data=data), 0)
-        while self.worker.step():
-            pass
 
-    def feed(self, script):
-        """Deliver samples, each named by its topic, its tick if it has one, and any mark.
+def make_rig(inputs, mode, **periods):
+    """Return a rig of a toy; other services give its inputs, except L, every n-th tick."""
+    rows = [Row("toy", inputs=tuple(inputs))]
+    for topic in [i.topic for i in inputs if i.topic is not L]:
+        rates = {topic.key: 100.0 / periods.get(topic.key, 1)}
+        rows.append(Row(f"giver-{topic.key}", "", (every(L),), (topic,), rates=rates))
+    with user_nodes(*rows, base=Steps) as programs:
+        scenario = Scenario(load_robot(), tuple(programs), programs, sim=SimConfig(mode=mode))
+        return Rig("toy", scenario)
 
-        "d3x" is a sample of topic d of tick 3, "d" one without a stamp; "3: a3 d3x" is the step of
-        tick 3 with these samples, "3 again: d" the same step repeated.
-        """
-        for name in script.split():
-            tick = re.sub(r"\D", "", name)
-            self.put(name[0], name, int(tick) if tick else None)
-        return self.steps
+
+def put(rig, name):
+    """Publish a sample named by its topic, its tick if it has a stamp, and any mark: d3x."""
+    topic = next(topic for topic in (A, B, D, E, L) if topic.key == name[0])
+    if tick := re.sub(r"\D", "", name):
+        rig.put(topic, String(data=name), int(tick))
+    else:
+        rig.bus.put_bytes(topic.key, encode(String(data=name)))
+        rig.take()
+
+
+REAL_TIME = [
+    # one step for each tick, in order
+    (EVERY, "a0 a1 a1x a0x a2 a5 a4", ["0: a0", "1: a1", "2: a2", "5: a5"]),
+    # two inputs trigger a step by samples of one tick
+    (BOTH, "a0 b0 b1 a1", ["0: a0 b0", "1: a1 b1"]),
+    (BOTH, "a0 b0 a1 a2 b2 b3 a3", ["0: a0 b0", "2: a2 b2", "3: a3 b3"]),
+    (BOTH, "b1 a0 a1", ["1: a1 b1"]),
+    # a latest sample is never awaited, and used once
+    ((*EVERY, latest(L)), "a0 l a1 l1 l2 a2", ["0: a0", "1: a1 l", "2: a2 l2"]),
+    # a sample due every second tick is awaited in those ticks only
+    (DUE, "a0 d0 a1 a2 d2 a3", ["0: a0 d0", "1: a1", "2: a2 d2", "3: a3"]),
+    (DUE, "d0 a0 a1 d2 a2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
+    # a sample without a stamp is used, and does not end the wait
+    (DUE, "a0 d0 a1 a2 d a3", ["0: a0 d0", "1: a1", "2: a2 d", "3: a3"]),
+    # the next tick ends the wait; a late sample neither makes a step nor ends another wait
+    (DUE, "a0 a1 d0 a2 d2", ["0: a0", "1: a1", "2: a2 d2"]),
+    (DUE, "a0 d0 a1 a2 a3 d2 a4 d4", ["0: a0 d0", "1: a1", "2: a2", "3: a3", "4: a4 d4"]),
+    # a service that starts late does not wait for samples that were due before
+    (DUE, "a5 a6 d6", ["5: a5", "6: a6 d6"]),
+    # a newer sample repeats the step, but not before the step has been made
+    (REVISED, "d0 a0 d0x d a2 d2", ["0: a0 d0", "0 again: d0x", "0 again: d", "2: a2 d2"]),
+    (REVISED, "a0 a1 a2 d0 d2", ["0: a0", "1: a1", "2: a2 d2"]),
+    (REVISED, "a0 a1 d0 d", ["0: a0", "1: a1", "1 again: d0", "1 again: d"]),
+    # a sample that is ahead of its tick waits for it
+    (REVISED, "a0 d0 d2 a1 a2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
+]
+LOCKSTEP = [
+    # a sender is ahead of another one by some ticks: no tick is lost
+    (BOTH, "a0 a1 a2 b0 b1 a3 b2 b3", ["0: a0 b0", "1: a1 b1", "2: a2 b2", "3: a3 b3"]),
+    # a due sample is used at its tick, however late or early it arrives
+    (DUE, "a0 a1 a2 d0 d2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
+    (DUE, "d0 d2 d4 a0 a1 a2 a3", ["0: a0 d0", "1: a1", "2: a2 d2", "3: a3"]),
+    # a sample is awaited until a later one arrives, also if its tick had no step
+    (DUE, "a0 d0 a1 a2 a3 a4 d4", ["0: a0 d0", "1: a1", "2: a2", "3: a3", "4: a4 d4"]),
+    (DUE, "a0 d0 a1 a3 d2", ["0: a0 d0", "1: a1", "3: a3 d2"]),
+    # a step may use the sample of the tick before, which the first step lacks
+    (BEFORE, "a0 a1 d0 a2 a3 d2", ["0: a0", "1: a1 d0", "2: a2", "3: a3 d2"]),
+    # a service starts late, in the middle of a tick
+    (BOTH, "b5 a6 b6", ["6: a6 b6"]),
+    (REVISED, "a0 d0 d0x a1", ["0: a0 d0", "0 again: d0x", "1: a1"]),
+    ((latest(L),), "l0 l1", []),
+]
 
 
 @pytest.mark.parametrize(
-    ("inputs", "script", "steps"),
-    [
-        # one step for each tick, in order
-        (EVERY, "a0 a1 a1x a0x a2 a5 a4", ["0: a0", "1: a1", "2: a2", "5: a5"]),
-        # of two inputs, for the samples of one tick
-        (BOTH, "a0 b0 b1 a1", ["0: a0 b0", "1: a1 b1"]),
-        (BOTH, "a0 b0 a1 a2 b2 b3 a3", ["0: a0 b0", "2: a2 b2", "3: a3 b3"]),
-        (BOTH, "b1 a0 a1", ["1: a1 b1"]),
-        # a latest sample is never awaited, and used once
-        ((*EVERY, latest(L)), "l a0 a1 l1 l2 a2", ["0: a0 l", "1: a1", "2: a2 l2"]),
-        # a sample due every second tick is awaited in those ticks only
-        (DUE, "a0 d0 a1 a2 d2 a3", ["0: a0 d0", "1: a1", "2: a2 d2", "3: a3"]),
-        (DUE, "d0 a0 a1 d2 a2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
-        # a sample without a stamp is used, and does not end the wait
-        (DUE, "a0 d0 a1 a2 d a3", ["0: a0 d0", "1: a1", "2: a2 d", "3: a3"]),
-        # the next tick ends the wait; a late sample neither makes a step nor ends another wait
-        (DUE, "a0 a1 d0 a2 d2", ["0: a0", "1: a1", "2: a2 d2"]),
-        (DUE, "a0 d0 a1 a2 a3 d2 a4 d4", ["0: a0 d0", "1: a1", "2: a2", "3: a3", "4: a4 d4"]),
-        # a service that joins late does not wait for what was due before
-        (DUE, "a5 a6 d6", ["5: a5", "6: a6 d6"]),
-        # a newer sample repeats the step, but not before the step has been made
-        (REVISED, "d a0 d0 d0x d a2 d2", ["0: a0 d0", "0 again: d0x", "0 again: d", "2: a2 d2"]),
-        (REVISED, "a0 a1 a2 d0 d2", ["0: a0", "1: a1", "2: a2 d2"]),
-        (REVISED, "a0 a1 d0 d", ["0: a0", "1: a1", "1 again: d0", "1 again: d"]),
-        # a sample that is ahead of its tick waits for it
-        (REVISED, "a0 d0 d2 a1 a2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
-    ],
+    ("mode", "inputs", "script", "steps"),
+    [("real_time", *case) for case in REAL_TIME] + [("lockstep", *case) for case in LOCKSTEP],
 )
-def test_in_real_time_a_step_takes_what_has_come_before_the_next_tick(inputs, script, steps):
-    assert Toy(inputs, lockstep=False, d=2).feed(script) == steps
-
-
-@pytest.mark.parametrize(
-    ("inputs", "script", "steps"),
-    [
-        # one sender is ahead of the other by some ticks: no tick is lost
-        (BOTH, "a0 a1 a2 b0 b1 a3 b2 b3", ["0: a0 b0", "1: a1 b1", "2: a2 b2", "3: a3 b3"]),
-        # a due sample is used at its tick, however much later or earlier it comes
-        (DUE, "a0 a1 a2 d0 d2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
-        (DUE, "d0 d2 d4 a0 a1 a2 a3", ["0: a0 d0", "1: a1", "2: a2 d2", "3: a3"]),
-        # a sample that never came is awaited no more when a later one has come
-        (DUE, "a0 d0 a1 a2 a3 a4 d4", ["0: a0 d0", "1: a1", "2: a2", "3: a3", "4: a4 d4"]),
-        # a service that joins late, in the middle of a tick
-        (BOTH, "b5 a6 b6", ["6: a6 b6"]),
-        (REVISED, "a0 d0 d0x d a1", ["0: a0 d0", "0 again: d0x", "0 again: d", "1: a1"]),
-        ((latest(L),), "l0 l1", []),
-    ],
-)
-def test_in_lockstep_every_tick_waits_for_its_samples(inputs, script, steps):
-    assert Toy(inputs, lockstep=True, d=2).feed(script) == steps
+def test_a_step_takes_the_samples_of_its_tick(mode, inputs, script, steps):
+    rig = make_rig(inputs, mode, d=2)
+    for name in script.split():
+        put(rig, name)
+    assert rig.node.steps == steps
 
 
 @pytest.mark.parametrize(
     ("script", "late"),
     [
-        ("a0 d0 e0 a1 a2 d2 a3 a4 d4 e4", {"d": 0, "e": 0}),
-        ("a0 d0 a1 e0 a2 a3", {"d": 1, "e": 1}),
-        ("a0 a1 a2 a3", {"d": 2, "e": 1}),  # e was due at 0 alone
+        ("a0 d0 e0 a1 a2 d2 a3 a4 d4 e4", {"late/d": 0, "late/e": 0}),
+        ("a0 d0 a1 e0 a2 a3", {"late/d": 1, "late/e": 1}),
+        ("a0 a1 a2 a3", {"late/d": 2, "late/e": 1}),  # e was due at 0 alone
     ],
 )
-def test_late_samples_are_counted_by_the_steps_that_were_made_without_them(script, late):
-    toy = Toy((every(A), due(D), due(E)), lockstep=False, d=2, e=4)
-    toy.feed(script)
-    assert {key: toy.slots[key].late for key in "de"} == late
+def test_steps_without_a_due_sample_are_counted(script, late):
+    rig = make_rig((every(A), due(D), due(E)), "real_time", d=2, e=4)
+    for name in script.split():
+        put(rig, name)
+    assert rig.driver.host.services[0].diagnostics().items() >= late.items()
+
+
+def test_samples_that_wait_for_their_ticks_are_limited():
+    rig = make_rig(DUE, "lockstep")
+    put(rig, "a0")
+    (slot,) = (slot for slot in rig.driver.host.loop.turns[0].slots if slot.topic is D)
+    for tick in range(AHEAD_AT_MOST + 5):
+        rig.put(D, String(), tick + 1)
+    assert len(slot.waiting) == AHEAD_AT_MOST
+    assert slot.count == AHEAD_AT_MOST + 5
 
 
 PERIOD = st.integers(1, 4)
@@ -163,25 +141,26 @@ PERIOD = st.integers(1, 4)
     dues=st.lists(st.tuples(PERIOD, st.booleans()), max_size=3),
     order=st.randoms(use_true_random=False),
 )
-def test_whatever_order_the_senders_come_in_the_steps_are_the_same(triggers, step, dues, order):
-    # the promise of determinism: senders may be ahead of each other, each sends in its order
-    periods = {Topic(f"every{number}", String, ""): step for number in range(triggers)}
-    inputs: list[Input] = [every(topic) for topic in periods]
-    for number, (period, revises) in enumerate(dues):
-        topic = Topic(f"due{number}", String, "")
+def test_steps_do_not_depend_on_the_order_of_senders(triggers, step, dues, order):
+    # determinism: a sender may be ahead of another one; each sends in order
+    periods = {Topic(f"every{n}", String, ""): step for n in range(triggers)}
+    inputs = [every(topic) for topic in periods]
+    for n, (period, revises) in enumerate(dues):
+        topic = Topic(f"due{n}", String, "")
         periods[topic] = period
         inputs.append(due(topic, revises=revises))
 
     def steps(shuffle):
-        toy = Toy(inputs, lockstep=True, **{topic.key: n for topic, n in periods.items()})
+        rig = make_rig(inputs, "lockstep", **{topic.key: n for topic, n in periods.items()})
         ticks = {topic: list(range(0, 12, period)) for topic, period in periods.items()}
-        topics = [topic for topic, of in ticks.items() for _ in of]
-        shuffle(topics)
-        for topic in topics:
+        senders = [topic for topic in ticks for _ in ticks[topic]]
+        shuffle(senders)
+        for topic in senders:
             tick = ticks[topic].pop(0)
-            toy.put(topic.key, f"{topic.key}.{tick}", tick)
-        assert not any(slot.late for slot in toy.slots.values())
-        return toy.steps
+            rig.put(topic, String(data=f"{topic.key}.{tick}"), tick)
+        report = rig.driver.host.services[0].diagnostics()
+        assert not any(count for name, count in report.items() if name.startswith("late/"))
+        return rig.node.steps
 
     expected = steps(lambda _: None)
     assert len(expected) == len(range(0, 12, step))
