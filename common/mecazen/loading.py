@@ -269,9 +269,9 @@ def _take_programs(raw: dict[str, Any], path: Path) -> tuple[dict[str, type[Sect
     from mecazen.graph import COLLECTOR, NODES  # noqa: PLC0415  # loading is light without programs
     from mecazen.programs import find  # noqa: PLC0415
 
-    taken = {"router", "clock", COLLECTOR, "guard"} | (_SECTIONS.keys() - NODES.keys())
+    reserved = {"router", "clock", COLLECTOR, "guard"} | (_SECTIONS.keys() - NODES.keys())
     for name in table:
-        if name in taken or not re.fullmatch("[A-Za-z0-9_-]+", name):
+        if name in reserved or not re.fullmatch("[A-Za-z0-9_-]+", name):
             raise ConfigError(
                 f"{path}: programs: {name!r} can't be a node's name; a name of its own, of "
                 "letters, digits, _ and -, can"

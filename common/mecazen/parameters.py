@@ -172,7 +172,7 @@ def changed(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
         section = key.partition(".")[0]
         for robot in scenario.robots:
             of_robot = f"{ROBOTS}.{robot.name}.{key}"
-            if section in robot.own or of_robot in values:
+            if section in robot.sections or of_robot in values:
                 values[of_robot] = value
         values[key] = value
     tables, types = effective(scenario), mi.type_info(type(scenario))

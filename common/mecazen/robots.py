@@ -21,8 +21,8 @@ def split_key(key: str, robots: Container[str]) -> tuple[str, str]:
     >>> split_key("two/odom", {"one", "two"})
     ('two', 'odom')
     """
-    robot, _, rest = key.partition("/")
-    return (robot, rest) if robot in robots else ("", key)
+    robot, _, name = key.partition("/")
+    return (robot, name) if robot in robots else ("", key)
 
 
 def seed_of(seed: int, name: str) -> int:

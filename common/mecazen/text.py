@@ -20,7 +20,7 @@ def printable(text: str) -> str:
     """
     if text.isprintable():
         return text
-    return "".join(one if one.isprintable() else json.dumps(one)[1:-1] for one in text)
+    return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)
 
 
 def shortened(name: str) -> str:
@@ -29,20 +29,20 @@ def shortened(name: str) -> str:
     return printable(cut)
 
 
-def unknown_fields(given: Any, message: msgspec.Struct, within: str = "") -> Iterator[str]:
+def unknown_fields(tables: Any, message: msgspec.Struct, within: str = "") -> Iterator[str]:
     """Yield a line for each ignored field, with a suggestion of a similar field.
 
     Args:
-        given: The decoded JSON, as plain tables.
+        tables: The decoded JSON, as plain tables.
         message: The message decoded from it.
         within: The enclosing field, followed by a dot; empty at the top.
     """
     allowed = message.__struct_fields__
-    for name, value in given.items():
+    for name, value in tables.items():
         if name not in allowed:
             close = difflib.get_close_matches(shortened(name), allowed, n=1)
             suggestion = f"did you mean {close[0]}? " if close else ""
-            told = f"{within}{shortened(name)} is ignored"
-            yield f"{told}; {suggestion}allowed: {', '.join(allowed)}"
+            ignored = f"{within}{shortened(name)} is ignored"
+            yield f"{ignored}; {suggestion}allowed: {', '.join(allowed)}"
         elif isinstance(field := getattr(message, name), msgspec.Struct):
             yield from unknown_fields(value, field, f"{within}{name}.")

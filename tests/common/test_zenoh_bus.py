@@ -98,7 +98,10 @@ def controllers(open_bus):
     """A bus that hears the controller's odometry, its frames, and a function that publishes it."""
     ear, frames = open_bus(), []
     ear.subscribe(
-        keys.ODOM, lambda odom, _: frames.append(odom.child_frame_id), of="controller", every=True
+        keys.ODOM,
+        lambda odom, _: frames.append(odom.child_frame_id),
+        sender="controller",
+        every=True,
     )
     ear.declare_alive("ear")
 

@@ -118,7 +118,7 @@ class Trajectory:
                 column.setdefault(stamp.time_ns // tick_ns, read(message))
 
         publisher = join_key(service, robot)
-        bus.subscribe(keys.of_robot(topic, robot), take, every=True, of=publisher)
+        bus.subscribe(keys.of_robot(topic, robot), take, every=True, sender=publisher)
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -133,13 +133,13 @@ class Bus(ABC):
         *,
         every: bool = False,
         nothing: Nothing | None = None,
-        of: str = "",
+        sender: str = "",
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
         The newest sample replaces one that still waits, so a flood causes neither delay nor growth
         of memory. With `every` all samples are kept. `nothing` is called for a tick that has no
-        message. `of` names the only service whose samples are accepted.
+        message. `sender` names the only service whose samples are accepted.
         """
 
     @abstractmethod

@@ -86,7 +86,7 @@ class ZenohBus(Bus):
         self.queue: Queue = queue.SimpleQueue()
         """Functions that `spin_once` calls."""
         self._handlers: dict[tuple[str, bool, str], list[Handler[Any]]] = {}
-        """Handlers of each Zenoh subscriber, by key, `every` and `of`."""
+        """Handlers of each Zenoh subscriber, by key, `every` and `sender`."""
         self._listeners: dict[str, list[Handler[Any]]] = {}
         self._publishers: dict[str, _ZenohPublisher[Any]] = {}
         self._sources: dict[str, object] = {}
@@ -114,10 +114,10 @@ class ZenohBus(Bus):
         *,
         every: bool = False,
         nothing: Nothing | None = None,
-        of: str = "",
+        sender: str = "",
     ) -> None:
         key = self.key_of(topic)
-        handlers = self._handlers.setdefault((key, every, of), [])
+        handlers = self._handlers.setdefault((key, every, sender), [])
         handlers.append(handler)
         if len(handlers) > 1:  # they share a Zenoh subscriber, which decodes each sample once
             return
@@ -129,7 +129,7 @@ class ZenohBus(Bus):
 
         def receive(sample: zenoh.Sample) -> None:
             try:
-                self._refuse_foreign(sample, key, of)
+                self._refuse_foreign(sample, key, sender)
                 payload, encoding, attachment = _content(sample)
                 if nothing is not None and not payload and attachment is not None:
                     self.queue.put(partial(nothing, Stamp.unpack(attachment)))

@@ -65,12 +65,12 @@ class RobotConfig(Section):
     def __post_init__(self) -> None:
         from mecazen.keys import CALLS, TOPICS  # noqa: PLC0415  # only several robots need them
 
-        taken = [*(topic.key for topic in TOPICS), *(call.key for call in CALLS), LIVELINESS]
-        if self.name in {key.partition("/")[0] for key in taken}:
+        known = [*(topic.key for topic in TOPICS), *(call.key for call in CALLS), LIVELINESS]
+        if self.name in {key.partition("/")[0] for key in known}:
             raise ValueError(f"name = {self.name!r} begins a key of mecazen's own: take another")
 
     @property
-    def own(self) -> dict[str, Section]:
+    def sections(self) -> dict[str, Section]:
         """The sections that differ from the scenario, by name."""
         values = {name: getattr(self, name) for name in self.__struct_fields__}
         return {name: value for name, value in values.items() if isinstance(value, Section)}
@@ -164,13 +164,16 @@ class Scenario(Section):
                 )
         places = {name: self.of(name) for name in self.names}
         self._check_bodies(place.target.body for place in places.values())
-        for (one, a), (other, b) in combinations(places.items(), 2):
+        for (name, a), (neighbour, b) in combinations(places.items(), 2):
             if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
-                raise ValueError(f"robots: {one} and {other} overlap at their starts")
+                raise ValueError(f"robots: {name} and {neighbour} overlap at their starts")
 
     def _check_bodies(self, followed: Iterable[Body]) -> None:
-        others = [walker.body for walker in (*self.crowd.walkers, self.crowd.reactive) if walker]
-        bodies = (*followed, *others)  # without a sensor, only their heights are seen
+        walkers = [walker for walker in (*self.crowd.walkers, self.crowd.reactive) if walker]
+        bodies = (
+            *followed,
+            *(walker.body for walker in walkers),
+        )  # without a sensor, only their heights are seen
         if "skeleton" in self.features or all(b == Body(height_m=b.height_m) for b in bodies):
             return
         raise ValueError(
@@ -296,15 +299,14 @@ class Scenario(Section):
             return self
         for robot in self.robots:
             if robot.name == name:
-                others = [other for other in self.robots if other is not robot]
                 return msgspec.structs.replace(
                     self,
-                    **robot.own,
+                    **robot.sections,
                     seed=seed_of(self.seed, name),
                     bus=self.bus.within(name),
                     robots=(),
                     robot_name=name,
-                    others={other.name: other.robot or self.robot for other in others},
+                    others={r.name: r.robot or self.robot for r in self.robots if r is not robot},
                 )
         known = ", ".join(robot.name for robot in self.robots) or "none, but one without a name"
         raise ConfigError(f"{name!r}: no such robot in the scenario; its robots: {known}")
@@ -321,19 +323,19 @@ def with_guard(sensed: frozenset[str], *, enabled: bool) -> frozenset[str]:
 
 
 @cache
-def scenario_with(**own: type[Section]) -> type[Scenario]:
+def scenario_with(**sections: type[Section]) -> type[Scenario]:
     """Return the struct of a scenario that has these sections of user nodes as well.
 
     Args:
-        own: Types of the sections, by node name; a type that replaces a section of `Scenario` must
+        sections: Types of the sections, by node name; a type that replaces a section of `Scenario` must
             be a subclass of that section's type.
     """
-    if not own:
+    if not sections:
         return Scenario
-    each = [(name, kind | None, None) for name, kind in own.items() if name not in SHARED]
+    each = [(name, kind | None, None) for name, kind in sections.items() if name not in SHARED]
     robot: Any = msgspec.defstruct("RobotConfig", each, bases=(RobotConfig,))
     fields: list[Any] = [("robots", tuple[robot, ...], ())]
-    for name, kind in own.items():
+    for name, kind in sections.items():
         is_required = any(field.required for field in msgspec.structs.fields(kind))
         fields.append((name, kind) if is_required else (name, kind, kind()))
     struct = msgspec.defstruct("Scenario", fields, bases=(Scenario,), kw_only=True)

@@ -277,12 +277,12 @@ class Host:
                 # a node that no process waits for makes every step, however slow it is
                 every = self.lockstep and slot.giver is not None
                 take = partial(self._arrive, slots)
-                self.bus.subscribe(topic, take, every=every, nothing=nothing, of=publisher)
+                self.bus.subscribe(topic, take, every=every, nothing=nothing, sender=publisher)
             elif publisher and not self.bus.hears_itself:
                 self.bus.subscribe(topic, partial(self._refuse, slot, publisher))
         if self.clock is None:
             world = next((turn.service for turn in self.turns if turn.row.owns_time), "")
-            self.bus.subscribe(keys.PARAMETERS, self._on_parameters, every=True, of=world)
+            self.bus.subscribe(keys.PARAMETERS, self._on_parameters, every=True, sender=world)
             for service, robot in self.parts:
                 serve_every(self.bus, service, robot)
 
