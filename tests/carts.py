@@ -1,4 +1,4 @@
-"""Simulated time over a world of a few lines, and what answers it."""
+"""A world of a few lines, and a clock that advances it."""
 
 from harness import Answer, Listener, load_robot
 from mecazen import keys
@@ -19,7 +19,7 @@ STATES = (keys.CLOCK, keys.JOINT_STATES, keys.GROUND_TRUTH)
 
 
 class Carts(Node):
-    """Each robot goes at the speed of the newest command that is not backwards."""
+    """Moves each robot at the speed of its newest command that is not backwards."""
 
     def reset(self, seed):
         self.x, self.speed = dict.fromkeys(self.scenario.names, 0.0), {}
@@ -42,7 +42,7 @@ class Carts(Node):
 
     def answer(self, call, request):
         robot = call.key.rpartition("/")[0]
-        if robot == "two":
+        if robot == "blue":
             raise RefusedError("shy")
         return String(data=f"<robot {robot}>")
 
@@ -60,7 +60,7 @@ def state(tick, pose):
 
 
 class Rig:
-    """The clock at the first tick of a run, and what answers it."""
+    """The clock at the first tick of a run; the test answers its ticks."""
 
     def __init__(self, services=ALL, *names, kind=Carts, begin=True, programs=None, **sim):
         sim = SimConfig(**{"mode": "lockstep", "answer_timeout_s": 1e-3, **sim})
@@ -74,7 +74,7 @@ class Rig:
         self.bus = LocalBus()
         self.clock = Clock(Host([("physics", "")], self.bus, self.scenario, {"physics": kind}))
         self.world = self.clock.host.loop.turns[1].running
-        self.heard = {
+        self.samples = {
             name: Listener(self.bus, *(of_robot(topic, name) for topic in STATES))
             for name in self.scenario.names
         }
@@ -92,22 +92,22 @@ class Rig:
             self.bus.publisher(of_robot(topic, name)).put(message, stamp or self.clock.stamp)
 
     def tick(self, *parts, **answer):
-        """Answer the tick, for whom it is said; return what is published of the next."""
-        for name in self.heard:
+        """Answer the tick for services of all robots; return the samples of the next tick."""
+        for name in self.samples:
             self.answer(*parts, name=name, **answer)
         self.clock.step()
         return self.take()
 
     def take(self, name=None):
-        return self.heard[next(iter(self.heard)) if name is None else name].take()
+        return self.samples[next(iter(self.samples)) if name is None else name].take()
 
     def ask(self, call, request):
-        """Ask for what is answered later."""
+        """Query a key that is answered later."""
         answer = Answer()
         self.bus.server(call)(request, answer)
         return answer
 
 
-def x_of(heard):
-    """Where a cart is by the last of what was heard."""
-    return heard[-1].message.pose.pose.position.x
+def x_of(samples):
+    """Return where a cart is by its last sample [m]."""
+    return samples[-1].message.pose.pose.position.x

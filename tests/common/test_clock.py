@@ -1,4 +1,4 @@
-"""Simulated time: what advances a world, holds, steps and resets it."""
+"""Simulated time: what advances a world, holds, steps and resets it, and its schedule."""
 
 import tomllib
 from pathlib import Path
@@ -14,39 +14,44 @@ from mecazen.geometry import Pose2D
 from mecazen.keys import call_of_robot
 from mecazen.loading import from_tables, to_toml
 from mecazen.messages import Clock, Empty, ResetRequest, SpeedRequest, StepRequest, Time, Twist
-from mecazen.node import Node
 from mecazen.row import Row, due, every
+from mecazen.runtime.pace import serve_every
+from mecazen.runtime.schedule import Schedule
 from mecazen.wire import Stamp
+from toys import Toy
 
 TICK_NS = 10_000_000
 
 
 @pytest.fixture
-def wall(wall):
+def passing(wall):
     """Return a wall clock for the schedule that advances a little with each reading."""
     wall.step_s = 1e-4
     return wall
 
 
-def test_each_tick_is_published_with_its_stamp_and_moved_by_its_answers():
+def values_of(sample):
+    return {pair.key: pair.value for pair in sample.message.status[0].values}
+
+
+def test_each_tick_is_published_and_moved_by_its_answers():
     rig = Rig()
-    heard = rig.take()
+    samples = rig.take()
     for tick in range(3):
-        assert [sample.key for sample in heard] == [topic.key for topic in STATES]
-        assert {sample.stamp for sample in heard} == {Stamp(tick * TICK_NS, rig.clock.stamp.run, 3)}
-        assert heard[0].message == Clock(clock=Time(nanosec=tick * TICK_NS))
+        assert [sample.key for sample in samples] == [topic.key for topic in STATES]
+        stamp = Stamp(tick * TICK_NS, rig.clock.stamp.run, 3)
+        assert {sample.stamp for sample in samples} == {stamp}
+        assert samples[0].message == Clock(clock=Time(nanosec=tick * TICK_NS))
         # at 1 m/s from the first answer on; a sum of ticks, not a product
-        assert x_of(heard) == pytest.approx(0.01 * tick, rel=1e-12)
-        heard = rig.tick()
+        assert x_of(samples) == pytest.approx(0.01 * tick, rel=1e-12)
+        samples = rig.tick()
     assert rig.clock.missed_deadlines == 0
 
 
 @pytest.mark.parametrize(
     ("silent", "gone"), [("controller", False), ("target", False), ("target", True)]
 )
-def test_in_lockstep_a_silent_service_is_an_error_that_names_it_at_once_if_it_has_gone(
-    silent, gone
-):
+def test_in_lockstep_a_silent_service_is_an_error(silent, gone):
     rig = Rig(answer_timeout_s=1e6)  # within one process no wait could be answered
     rig.tick()
     rig.answer(silent, stamp=rig.clock.stamp._replace(time_ns=0))  # to another tick
@@ -55,19 +60,15 @@ def test_in_lockstep_a_silent_service_is_an_error_that_names_it_at_once_if_it_ha
         rig.tick("target" if silent == "controller" else "controller")
 
 
-def test_to_begin_with_all_services_must_be_there():
+def test_in_lockstep_all_services_must_be_ready_at_the_start():
     rig = Rig(begin=False)
-    with pytest.raises(StepTimeoutError, match=r"^not there to start with: .*"):
-        rig.clock.run()
     for name in ("controller", "follower"):
         rig.bus.declare_alive(f"{name}/ready")
     with pytest.raises(StepTimeoutError, match=r"^not there to start with: target$"):
         rig.clock.run()
 
 
-def test_in_real_time_a_run_begins_without_observers_and_ends_with_the_bus(
-    monkeypatch, caplog, wall
-):
+def test_in_real_time_a_run_begins_without_observers(monkeypatch, caplog, passing):
     monkeypatch.setattr("mecazen.runtime.clock.OBSERVERS_S", 0.0)
     rig = Rig(("physics", "controller", "recorder"), begin=False, mode="real_time")
     ticks = []
@@ -79,7 +80,7 @@ def test_in_real_time_a_run_begins_without_observers_and_ends_with_the_bus(
     assert "going on without controller, recorder" in caplog.text
 
 
-def test_in_lockstep_an_outsider_can_not_speak_for_a_service_that_takes_part():
+def test_in_lockstep_no_outsider_speaks_for_a_service():
     rig = Rig()
     rig.bus.put_bytes("joint_command", b'{"velocity":[9]}')
     rig.bus.put_bytes("target/odom", b"{}")
@@ -93,7 +94,7 @@ def test_in_lockstep_an_outsider_can_not_speak_for_a_service_that_takes_part():
     assert x_of(alone.take()) == 0.09
 
 
-def test_pause_holds_time_and_resume_lets_it_go_on():
+def test_pause_holds_time_until_resume():
     rig = Rig()
     rig.tick()
     paused = rig.bus.call(keys.SIM_PAUSE, Empty())
@@ -101,14 +102,14 @@ def test_pause_holds_time_and_resume_lets_it_go_on():
     assert (paused.speed, paused.mode, paused.seed) == (1.0, "lockstep", 3)
     assert [rig.tick(), rig.tick()] == [[], []]  # no event can end the pause, so it does not wait
     assert rig.bus.call(keys.SIM_STATE, Empty()) == paused
-    # what is on its way ends the pause within the step
+    # a query that arrives within the step ends the pause
     rig.bus.subscribe(keys.CMD_VEL, lambda *_: rig.bus.call(keys.SIM_RESUME, Empty()) and None)
     rig.bus.publisher(keys.CMD_VEL).put(Twist(), rig.clock.stamp)
     assert rig.tick()[0].message.clock == Time(nanosec=2 * TICK_NS)
 
 
-def test_step_simulates_so_many_ticks_and_answers_when_they_are_done():
-    rig = Rig()
+def test_stepping_makes_a_number_of_ticks_but_none_after_the_last():
+    rig = Rig(ALONE, duration_s=0.06)
     assert rig.ask(keys.SIM_STEP, StepRequest()).error == "not paused: `mecazen sim pause` first"
     rig.bus.call(keys.SIM_PAUSE, Empty())
     stepping = rig.ask(keys.SIM_STEP, StepRequest(ticks=3))
@@ -117,15 +118,9 @@ def test_step_simulates_so_many_ticks_and_answers_when_they_are_done():
     assert stepping.message is None
     assert [len(rig.tick()) for _ in range(2)] == [3, 0]
     assert (stepping.message.tick, stepping.message.paused) == (3, True)
-
-
-def test_a_lockstep_run_ends_with_its_last_tick_whatever_steps_are_asked_for():
-    rig = Rig(ALONE, duration_s=0.04)
-    assert [len(rig.tick()) for _ in range(2)] == [6, 3]
-    rig.bus.call(keys.SIM_PAUSE, Empty())
-    stepping = rig.ask(keys.SIM_STEP, StepRequest(ticks=100))
-    assert [len(rig.tick()) for _ in range(2)] == [3, 0]
-    assert stepping.message.tick == 3
+    to_the_end = rig.ask(keys.SIM_STEP, StepRequest(ticks=100))
+    assert [len(rig.tick()) for _ in range(3)] == [3, 3, 0]
+    assert to_the_end.message.tick == 5
     late = rig.ask(keys.SIM_STEP, StepRequest())
     assert late.error == "the run has ended: `mecazen sim reset` begins another"
     rig.bus.call(keys.SIM_RESUME, Empty())
@@ -140,7 +135,7 @@ def test_a_lockstep_run_ends_with_its_last_tick_whatever_steps_are_asked_for():
         (keys.SIM_RESET, ResetRequest(), "reset meanwhile"),
     ],
 )
-def test_what_ends_the_stepping_says_so(call, request_, reason):
+def test_a_query_that_ends_stepping_is_its_reason(call, request_, reason):
     rig = Rig(ALONE)
     rig.bus.call(keys.SIM_PAUSE, Empty())
     stepping = rig.ask(keys.SIM_STEP, StepRequest(ticks=1000))
@@ -152,193 +147,215 @@ def test_what_ends_the_stepping_says_so(call, request_, reason):
 
 
 @pytest.mark.parametrize("answers", [("controller", "target"), ("target",)])
-def test_a_reset_in_place_is_a_new_run_even_where_an_answer_is_missing(answers):
+def test_a_reset_begins_a_run_even_if_an_answer_is_missing(answers):
     rig = Rig()
     rig.tick()
     old = rig.clock.stamp
     reset = rig.ask(keys.SIM_RESET, ResetRequest(seed=8))
     assert rig.ask(keys.SIM_RESET, ResetRequest()).error == "already resetting"
-    heard = rig.tick(*answers)
+    samples = rig.tick(*answers)
     assert (reset.message.tick, reset.message.seed, reset.message.clock) == (0, 8, Time())
-    assert heard[0].stamp == rig.clock.stamp == Stamp(0, rig.clock.stamp.run, 8)
+    assert samples[0].stamp == rig.clock.stamp == Stamp(0, rig.clock.stamp.run, 8)
     assert rig.clock.stamp.run != old.run
-    assert x_of(heard) == 0.0
-    # a late answer of the run before is ignored
-    rig.answer(stamp=old)
+    assert x_of(samples) == 0.0
+    rig.answer(stamp=old)  # late, to the run before
     with pytest.raises(StepTimeoutError, match=r"^target did not answer tick 0"):
         rig.clock.step()
 
 
-def test_the_whole_configuration_is_there_to_be_asked_for():
+def test_the_configuration_is_answered_as_a_scenario_file():
     rig = Rig()
     text = rig.bus.call(keys.SIM_SCENARIO, Empty()).data
     assert text == to_toml(rig.scenario)
     assert from_tables(tomllib.loads(text), Path("asked")).robot == load_robot()
 
 
-def test_health_comes_once_a_second_with_the_words_of_the_world():
+def test_health_has_the_clock_and_the_world_once_a_second():
     rig = Rig(ALONE)
     for _ in range(200):
         rig.tick()
-    said = [sample.message for sample in rig.health.take()]
-    assert [message.header.stamp for message in said] == [Time(second) for second in range(3)]
+    reports = rig.health.take()
+    stamps = [sample.message.header.stamp for sample in reports]
+    assert stamps == [Time(second) for second in range(3)]
     # no real-time factor before the first second
     expected = {"mode": "lockstep", "missed_deadlines": "0", "paused": "False"}
     expected |= {"age_s": "inf", "missed_ticks": "0", "refused_payloads": "0"}
-    assert {value.key: value.value for value in said[0].status[0].values} == expected
-    later = {value.key: value.value for value in said[1].status[0].values}
+    assert values_of(reports[0]) == expected
+    later = values_of(reports[1])
     assert {"hz/joint_command", "age_s/target/odom"} <= later.keys()
     assert float(later["rtf"]) > 0.0
 
 
-def test_in_real_time_a_tick_ends_when_it_is_due_and_counts_what_was_missed(wall):
+def test_in_real_time_a_tick_ends_when_it_is_due(passing):
     rig = Rig(("physics", "controller"), mode="real_time")
-    begin = wall.now
+    begin = passing.now
     for _ in range(20):
         rig.tick("controller")
-    assert wall.now - begin == pytest.approx(0.2, abs=0.005)  # half a tick of looks at the clock
+    # half a tick of readings of the clock
+    assert passing.now - begin == pytest.approx(0.2, abs=0.005)
     assert rig.clock.missed_deadlines == 0
     for _ in range(2):  # the last command holds
         rig.clock.step()
     assert x_of(rig.take()) == pytest.approx(0.22)
     assert rig.bus.call(keys.SIM_STATE, Empty()).missed_deadlines == 2
-    anew = rig.ask(keys.SIM_RESET, ResetRequest())
+    reset = rig.ask(keys.SIM_RESET, ResetRequest())
     rig.tick("controller")
-    assert anew.message.missed_deadlines == 0
+    assert reset.message.missed_deadlines == 0
 
 
 @pytest.mark.parametrize(
     ("patience_s", "alive", "missed"), [(1e6, True, 0), (1e6, False, 1), (0.0, True, 1)]
 )
-def test_in_real_time_time_starts_once_the_first_answers_have_come_or_can_not(
-    monkeypatch, patience_s, alive, missed
-):
+def test_real_time_starts_with_the_first_answers(monkeypatch, patience_s, alive, missed):
     rig = Rig(("physics", "controller"), mode="real_time", answer_timeout_s=patience_s)
     rig.bus.presence.update("controller", alive=alive)
     deliveries = [rig.answer, None, None]  # two waits in which nothing comes
 
     def deliver(timeout_s=None):
-        delivery = deliveries.pop()
-        if delivery is None:
-            return False
-        delivery("controller")
-        return True
+        delivery = deliveries.pop() if deliveries else None
+        if delivery is not None:
+            delivery("controller")
+        return delivery is not None
 
     monkeypatch.setattr(rig.bus, "spin_once", deliver)
-    rig.clock._await_answers()
+    rig.clock.step()
     assert bool(deliveries) == bool(missed)
     assert rig.clock.missed_deadlines == missed
 
 
-def test_at_twice_the_speed_a_tick_takes_half_the_time_and_lockstep_has_none(wall):
+def test_speed_divides_the_time_of_a_tick_but_not_in_lockstep(passing):
     rig = Rig(ALONE, mode="real_time", speed=2.0)
     for speed, seconds in ((2.0, 0.1), (0.5, 0.4)):
         assert rig.bus.call(keys.SIM_SPEED, SpeedRequest(speed=speed)).speed == speed
-        begin = wall.now
+        begin = passing.now
         for _ in range(20):
             rig.tick()
-        assert wall.now - begin == pytest.approx(seconds, abs=0.005)
+        assert passing.now - begin == pytest.approx(seconds, abs=0.005)
     assert rig.clock.missed_deadlines == 0
     with pytest.raises(BusError, match="as fast as it can"):
         Rig(ALONE).bus.call(keys.SIM_SPEED, SpeedRequest(speed=4.0))
 
 
-class Playback(Node):
-    """A recording as a world: it waits for the follower and obeys no command."""
+class Playback(Toy):
+    """A recording as a world: it waits for the follower, and no command moves it."""
 
     ROW = Row(
         "playback",
         inputs=(every(keys.CLOCK), due(keys.CMD_VEL, before=True)),
         outputs=(keys.JOINT_STATES, keys.GROUND_TRUTH),
     )
-    POSES = (Pose2D(), Pose2D(1.0, 0.5), Pose2D(2.0, 1.0, 0.5))
-
-    def reset(self, seed):
-        self.poses = dict(enumerate(self.POSES))
 
     def step(self, tick, inputs):
-        return state(tick, self.poses[tick.number])
+        return state(tick, Pose2D(x=1.0 + tick.number))
 
 
-def test_a_recording_as_a_world_waits_for_whom_its_row_names():
+def test_a_users_world_waits_for_the_services_in_its_row():
     rig = Rig(kind=Playback, programs={"physics": "playback.py:Playback"})
-    heard = rig.take()
-    for tick, pose in enumerate(Playback.POSES):
-        assert heard[0].message.clock == Time(nanosec=tick * TICK_NS)
-        assert heard[2].message.pose.pose.to_planar() == pytest.approx(pose)
-        if tick < 2:
-            with pytest.raises(StepTimeoutError, match=f"^follower did not answer tick {tick}"):
-                rig.tick()  # for controller and target
-            rig.bus.publisher(keys.CMD_VEL).put(Twist(), rig.clock.stamp)
-            rig.clock.step()
-            heard = rig.take()
+    assert x_of(rig.take()) == 1.0
+    with pytest.raises(StepTimeoutError, match=r"^follower did not answer tick 0"):
+        rig.tick()  # with answers of controller and target
+    rig.bus.publisher(keys.CMD_VEL).put(Twist(), rig.clock.stamp)
+    rig.clock.step()
+    assert x_of(rig.take()) == 2.0
 
 
-def test_a_change_is_published_before_its_tick_and_then_each_second():
-    rig = Rig(ALONE, begin=False)
-    heard = Listener(rig.bus, keys.PARAMETERS, keys.CLOCK)
+def test_a_change_is_published_before_its_tick_and_each_second():
+    rig = Rig(begin=False)
+    for name in ("controller", "target", "follower"):
+        serve_every(rig.bus, name)
+    samples = Listener(rig.bus, keys.PARAMETERS, keys.CLOCK)
     rig.clock.begin()
     rig.tick()
-    rig.clock.live._requested = {"follower.standoff_m": 2.0}
-    assert [sample.key for sample in heard.take()] == ["clock"] * 2
+    parameters = (m.Parameter("follower.standoff_m", "2.0"),)
+    change = m.Parameters(parameters=parameters)
+    assert rig.bus.call(keys.SET_PARAMETERS, change).header.stamp == Time(nanosec=2 * TICK_NS)
+    names = m.ParameterNames(("follower.standoff_m",))
+    assert rig.bus.call(keys.GET_PARAMETERS, names).parameters[0].value == "2.0"
+    assert [sample.key for sample in samples.take()] == ["clock"] * 2
     rig.tick()
-    first, clock = heard.take()
-    assert first.key == "sim/parameters"
-    assert first.stamp == clock.stamp
-    assert first.message.parameters == (m.Parameter("follower.standoff_m", "2.0"),)
+    first, clock = samples.take()
+    assert (first.key, first.stamp) == ("sim/parameters", clock.stamp)
+    assert first.message.parameters == parameters
     for _ in range(99):
         rig.tick()
-    again = [sample for sample in heard.take() if sample.key == "sim/parameters"]
-    assert [sample.message.parameters for sample in again] == [first.message.parameters]
     rig.bus.declare_alive("late")
-    assert [sample.message.parameters for sample in heard.take()] == [first.message.parameters]
+    again = [sample for sample in samples.take() if sample.key == "sim/parameters"]
+    assert [sample.message.parameters for sample in again] == [parameters] * 2
 
 
-@pytest.mark.parametrize("call", [keys.GET_PARAMETERS, keys.SET_PARAMETERS])
-def test_without_parameters_there_is_nothing_to_get_or_set(call):
+def test_a_parameter_of_no_service_is_neither_read_nor_set():
     rig = Rig(ALONE)
     name = "mine.reach_m"
-    one = m.Parameters(parameters=(m.Parameter(name, "1"),))
-    request = one if call is keys.SET_PARAMETERS else m.ParameterNames((name,))
-    line = error_of(BusError, lambda: rig.bus.call(call, request))
-    assert line == f"{call.key}: {name}: no such parameter; `mecazen param list` shows all"
+    parameter = m.Parameters(parameters=(m.Parameter(name, "1"),))
+    for call, request in (
+        (keys.GET_PARAMETERS, m.ParameterNames((name,))),
+        (keys.SET_PARAMETERS, parameter),
+    ):
+        line = error_of(BusError, lambda call=call, request=request: rig.bus.call(call, request))
+        assert line == f"{call.key}: {name}: no such parameter; `mecazen param list` shows all"
     assert rig.bus.call(keys.GET_PARAMETERS, m.ParameterNames()) == m.ParameterDescriptors()
 
 
-TWO = (("physics", "controller", "target"), "one", "two")
-
-
-def test_each_robot_moves_in_its_namespace_and_all_samples_of_a_tick_have_one_stamp():
-    rig = Rig(*TWO)
-    shared = Listener(rig.bus, keys.CLOCK)
-    for name in ("one", "two"):
-        for part, speed in (("controller", 1.0 if name == "one" else 0.5), ("target", 0.0)):
-            rig.answer(part, name=name, speed=speed)
+def test_robots_move_in_their_namespaces_with_one_stamp_per_tick():
+    rig = Rig(("physics", "controller", "target"), "red", "blue")
+    clock = Listener(rig.bus, keys.CLOCK)
+    for name, speed in (("red", 1.0), ("blue", 0.5)):
+        rig.answer(name=name, speed=speed)
     rig.clock.step()
-    for name, x in (("one", 0.01), ("two", 0.005)):
-        heard = rig.take(name)[-3:]
-        assert {sample.stamp for sample in heard} == {Stamp(TICK_NS, rig.clock.stamp.run, 3)}
-        assert x_of(heard) == x
-    assert [sample.stamp for sample in shared.take()][-1] == rig.clock.stamp
-
-
-def test_time_is_asked_for_in_no_ones_namespace_and_the_robot_in_each():
-    rig = Rig(*TWO)
+    for name, x in (("red", 0.01), ("blue", 0.005)):
+        samples = rig.take(name)[-3:]
+        assert {sample.stamp for sample in samples} == {Stamp(TICK_NS, rig.clock.stamp.run, 3)}
+        assert x_of(samples) == x
+    assert clock.take()[-1].stamp == rig.clock.stamp
     assert rig.bus.call(keys.SIM_STATE, Empty()).seed == 3
-    assert rig.bus.call(call_of_robot(keys.ROBOT_DESCRIPTION, "one"), Empty()).data == "<robot one>"
-    with pytest.raises(BusError, match=r"^two/robot_description: shy"):
-        rig.bus.call(call_of_robot(keys.ROBOT_DESCRIPTION, "two"), Empty())
-    assert list(rig.bus.fetch_files("two/robot_description/*").values()) == [b"two"]
-
-
-def test_its_health_tells_robots_apart():
-    rig = Rig(*TWO)
-    rig.bus.put_bytes("one/joint_command", b"{")
+    red, blue = (call_of_robot(keys.ROBOT_DESCRIPTION, name) for name in ("red", "blue"))
+    assert rig.bus.call(red, Empty()).data == "<robot red>"
+    with pytest.raises(BusError, match=r"^blue/robot_description: shy"):
+        rig.bus.call(blue, Empty())
+    assert list(rig.bus.fetch_files("blue/robot_description/*").values()) == [b"blue"]
+    rig.bus.put_bytes("red/joint_command", b"{")
     for alive in (False, True):
-        rig.bus.presence.update("two/target", alive=alive)
+        rig.bus.presence.update("blue/target", alive=alive)
     for _ in range(100):
         rig.tick()
-    report = rig.health.take()[-1].message
-    said = {value.key: value.value for value in report.status[0].values}
-    assert said["hz/one/joint_command"] == said["hz/two/target/odom"] == "100.0"
-    assert said["refused/one/joint_command"] == said["restarts/two/target"] == "1"
+    values = values_of(rig.health.take()[-1])
+    assert values["hz/red/joint_command"] == values["hz/blue/target/odom"] == "100.0"
+    assert values["refused/red/joint_command"] == values["restarts/blue/target"] == "1"
+
+
+@pytest.fixture
+def schedule(wall):
+    """Return a schedule with 10 ms per tick at double speed."""
+    return Schedule(0.01, 2.0)
+
+
+def test_small_delays_of_ticks_do_not_add_up(schedule, wall):
+    for tick in range(100):
+        schedule.published(tick)
+        wall.now += schedule.wait_s(tick, answered=True) + 0.001  # 1 ms late, each time
+    assert wall.now == pytest.approx(100.0 + 100 * 0.005 + 0.001)
+
+
+def test_a_late_schedule_catches_up_within_a_second_or_restarts(schedule, wall):
+    wall.now += 0.1
+    schedule.published(3)
+    assert schedule.wait_s(3, answered=True) < 0.0
+    assert schedule.wait_s(3, answered=False) == pytest.approx(0.0025)  # half a period
+    wall.now += 0.91
+    schedule.published(4)  # late by less than 1 s
+    assert schedule.wait_s(4, answered=True) == pytest.approx(-0.985)
+    wall.now += 0.02
+    schedule.published(5)
+    assert schedule.wait_s(5, answered=True) == pytest.approx(0.005)
+
+
+def test_the_real_time_factor_is_that_of_the_last_second(schedule, wall):
+    assert schedule.rtf == 0.0
+    wall.now += 0.001  # a fast run in lockstep may end before a second has passed
+    schedule.published(1)
+    assert schedule.rtf == pytest.approx(10.0)
+    for period_s, last, rtf in ((0.01, 102, 1.0), (0.02, 202, 0.5)):
+        for tick in range(last - 100, last):
+            wall.now += period_s
+            schedule.published(tick)
+        assert schedule.rtf == pytest.approx(rtf, abs=0.02)
