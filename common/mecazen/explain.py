@@ -53,8 +53,9 @@ def explain(
 def _unit_hint(key: Iterable[str], value: Any, node: mi.Type) -> str:
     """Return a hint at the unit if a thousandth of a number that is too large is allowed."""
     largest = getattr(node, "le", None)
-    is_number = isinstance(value, int | float) and largest is not None
-    if is_number and largest < abs(value) <= 1000.0 * largest:
+    if not isinstance(value, int | float) or largest is None:
+        return ""
+    if largest < abs(value) <= 1000.0 * largest:
         for suffix, unit in (("_m", "millimetres"), ("_kg", "grams")):
             if any(name.endswith(suffix) for name in key):
                 return f"; {value:g} looks like {unit}"

@@ -327,8 +327,8 @@ def scenario_with(**sections: type[Section]) -> type[Scenario]:
     """Return the struct of a scenario that has these sections of user nodes as well.
 
     Args:
-        sections: Types of the sections, by node name; a type that replaces a section of `Scenario` must
-            be a subclass of that section's type.
+        sections: Types of the sections, by node name; a type that replaces a section of `Scenario`
+            must be a subclass of that section's type.
     """
     if not sections:
         return Scenario
