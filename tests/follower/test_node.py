@@ -385,7 +385,8 @@ def test_a_tick_with_a_frame_waits_for_both_and_another_is_answered_at_once():
 
 def test_without_a_target_no_tick_waits_and_a_frame_without_stamp_and_time_is_of_now():
     rig = OnBus(services=NO_TARGET)
-    rig.odom(6)
+    for tick in range(7):
+        rig.odom(tick)
     rig.bus.put_bytes(
         "target/observation",
         b'{"header":{"frame_id":"base_link"},"poses":[{"pose":{"position":{"x":1.5}}}]}',

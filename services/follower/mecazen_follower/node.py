@@ -176,7 +176,7 @@ class FollowerNode(Node):
         A stamp of 0 is no stamp, as in ROS, and a stamp of another clock is not usable. In these
         cases the capture is estimated from the latency in the data sheet.
         """
-        if self.robot.span_ns[0] <= stamp_ns <= now_ns:
+        if 0 < stamp_ns <= now_ns and stamp_ns >= self.robot.span_ns[0]:
             return stamp_ns / NS_PER_S
         return now_ns / NS_PER_S - self.sensor.latency_s
 
