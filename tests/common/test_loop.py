@@ -43,20 +43,16 @@ def test_a_turn_follows_the_turns_that_it_waits_for(scenario, sim):
                 assert comes_before is not bool(slot.lag)
 
 
-def test_in_lockstep_turns_wait_for_the_latest_sample_of_a_node(scenario):
+def test_turns_wait_for_nodes_and_for_no_topic_without_a_giver(scenario):
     first = row("first", every(CLOCK), gives=[A])
     second = row("second", every(CLOCK), latest(A))
     for sim, expected in ((REAL_TIME, "latest"), (LOCKSTEP, "due")):
-        turns = turns_with(scenario, second, first, sim=sim)
+        turns = turns_with(scenario, second, first, sim=sim, services=("physics", "controller"))
         assert rule(turns["second"], "a") == expected
+        assert rule(turns["controller"], "cmd_vel") == "latest"
+        assert rule(turns["physics"], "target/odom") == "latest"
+        assert rule(turns["physics"], "joint_command") == "due"
     assert list(turns).index("first") < list(turns).index("second")
-
-
-def test_no_turn_waits_for_a_topic_without_a_giver(scenario):
-    turns = turns_with(scenario, services=("physics", "controller"))
-    assert rule(turns["controller"], "cmd_vel") == "latest"
-    assert rule(turns["physics"], "target/odom") == "latest"
-    assert rule(turns["physics"], "joint_command") == "due"
 
 
 def test_depth_counts_the_chain_of_turns_that_a_turn_waits_for(scenario):
