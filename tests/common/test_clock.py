@@ -1,30 +1,20 @@
 """Simulated time: what advances a world, holds, steps and resets it, and its schedule."""
 
 import pytest
-from carts import ALL, ALONE, STATES, Rig, state, x_of
+from carts import ALL, ALONE, STATES, Rig, x_of
 from harness import Listener, error_of
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import StoppedError
 from mecazen.errors import BusError, StepTimeoutError
-from mecazen.geometry import Pose2D
 from mecazen.keys import call_of_robot
 from mecazen.loading import to_toml
 from mecazen.messages import Clock, Empty, ResetRequest, SpeedRequest, StepRequest, Time, Twist
-from mecazen.row import Row, due, every
 from mecazen.runtime.pace import serve_every
 from mecazen.runtime.schedule import Schedule
 from mecazen.wire import Stamp
-from toys import Toy
 
 TICK_NS = 10_000_000
-
-
-@pytest.fixture
-def passing(wall):
-    """Return a wall clock for the schedule that advances a little with each reading."""
-    wall.step_s = 1e-4
-    return wall
 
 
 def values_of(sample):
@@ -65,7 +55,8 @@ def test_in_lockstep_all_services_must_be_ready_at_the_start():
         rig.clock.run()
 
 
-def test_in_real_time_a_run_begins_without_observers(monkeypatch, caplog, passing):
+def test_in_real_time_a_run_begins_without_observers(monkeypatch, caplog, wall):
+    wall.step_s = 1e-4  # it advances with each reading
     monkeypatch.setattr("mecazen.runtime.clock.OBSERVERS_S", 0.0)
     rig = Rig(("physics", "controller", "recorder"), begin=False, mode="real_time")
     ticks = []
@@ -172,21 +163,26 @@ def test_health_has_the_clock_and_the_world_once_a_second():
     assert float(later["rtf"]) > 0.0
 
 
-def test_in_real_time_a_tick_ends_when_it_is_due(passing):
-    rig = Rig(("physics", "controller"), mode="real_time")
-    begin = passing.now
-    for _ in range(20):
-        rig.tick("controller")
-    # half a tick of readings of the clock
-    assert passing.now - begin == pytest.approx(0.2, abs=0.005)
+def test_in_real_time_a_tick_ends_when_it_is_due(wall):
+    wall.step_s = 1e-4  # it advances with each reading
+    rig = Rig(("physics", "controller"), mode="real_time", speed=2.0)
+    for speed, seconds in ((2.0, 0.1), (0.5, 0.4)):
+        assert rig.bus.call(keys.SIM_SPEED, SpeedRequest(speed=speed)).speed == speed
+        begin = wall.now
+        for _ in range(20):
+            rig.tick("controller")
+        # half a tick of readings of the clock
+        assert wall.now - begin == pytest.approx(seconds, abs=0.005)
     assert rig.clock.missed_deadlines == 0
     for _ in range(2):  # the last command holds
         rig.clock.step()
-    assert x_of(rig.take()) == pytest.approx(0.22)
+    assert x_of(rig.take()) == pytest.approx(0.42)
     assert rig.bus.call(keys.SIM_STATE, Empty()).missed_deadlines == 2
     reset = rig.ask(keys.SIM_RESET, ResetRequest())
     rig.tick("controller")
     assert reset.message.missed_deadlines == 0
+    with pytest.raises(BusError, match="as fast as it can"):
+        Rig(ALONE).bus.call(keys.SIM_SPEED, SpeedRequest(speed=4.0))
 
 
 @pytest.mark.parametrize(
@@ -207,42 +203,6 @@ def test_real_time_starts_with_the_first_answers(monkeypatch, patience_s, alive,
     rig.clock.step()
     assert bool(deliveries) == bool(missed)
     assert rig.clock.missed_deadlines == missed
-
-
-def test_speed_divides_the_time_of_a_tick_but_not_in_lockstep(passing):
-    rig = Rig(ALONE, mode="real_time", speed=2.0)
-    for speed, seconds in ((2.0, 0.1), (0.5, 0.4)):
-        assert rig.bus.call(keys.SIM_SPEED, SpeedRequest(speed=speed)).speed == speed
-        begin = passing.now
-        for _ in range(20):
-            rig.tick()
-        assert passing.now - begin == pytest.approx(seconds, abs=0.005)
-    assert rig.clock.missed_deadlines == 0
-    with pytest.raises(BusError, match="as fast as it can"):
-        Rig(ALONE).bus.call(keys.SIM_SPEED, SpeedRequest(speed=4.0))
-
-
-class Playback(Toy):
-    """A recording as a world: it waits for the follower, and no command moves it."""
-
-    ROW = Row(
-        "playback",
-        inputs=(every(keys.CLOCK), due(keys.CMD_VEL, before=True)),
-        outputs=(keys.JOINT_STATES, keys.GROUND_TRUTH),
-    )
-
-    def step(self, tick, inputs):
-        return state(tick, Pose2D(x=1.0 + tick.number))
-
-
-def test_a_users_world_waits_for_the_services_in_its_row():
-    rig = Rig(kind=Playback, programs={"physics": "playback.py:Playback"})
-    assert x_of(rig.take()) == 1.0
-    with pytest.raises(StepTimeoutError, match=r"^follower did not answer tick 0"):
-        rig.tick()  # with answers of controller and target
-    rig.bus.publisher(keys.CMD_VEL).put(Twist(), rig.clock.stamp)
-    rig.clock.step()
-    assert x_of(rig.take()) == 2.0
 
 
 def test_a_change_is_published_before_its_tick_and_each_second():
@@ -309,20 +269,16 @@ def test_robots_move_in_their_namespaces_with_one_stamp_per_tick():
     assert values["refused/red/joint_command"] == values["restarts/blue/target"] == "1"
 
 
-@pytest.fixture
-def schedule(wall):
-    """Return a schedule with 10 ms per tick at double speed."""
-    return Schedule(0.01, 2.0)
-
-
-def test_small_delays_of_ticks_do_not_add_up(schedule, wall):
+def test_small_delays_of_ticks_do_not_add_up(wall):
+    schedule = Schedule(0.01, speed=2.0)
     for tick in range(100):
         schedule.published(tick)
         wall.now += schedule.wait_s(tick, answered=True) + 0.001  # 1 ms late, each time
     assert wall.now == pytest.approx(100.0 + 100 * 0.005 + 0.001)
 
 
-def test_a_late_schedule_catches_up_within_a_second_or_restarts(schedule, wall):
+def test_a_late_schedule_catches_up_within_a_second_or_restarts(wall):
+    schedule = Schedule(0.01, speed=2.0)
     wall.now += 0.1
     schedule.published(3)
     assert schedule.wait_s(3, answered=True) < 0.0
@@ -335,7 +291,8 @@ def test_a_late_schedule_catches_up_within_a_second_or_restarts(schedule, wall):
     assert schedule.wait_s(5, answered=True) == pytest.approx(0.005)
 
 
-def test_the_real_time_factor_is_that_of_the_last_second(schedule, wall):
+def test_the_real_time_factor_is_that_of_the_last_second(wall):
+    schedule = Schedule(0.01, speed=2.0)
     assert schedule.rtf == 0.0
     wall.now += 0.001  # a fast run in lockstep may end before a second has passed
     schedule.published(1)
