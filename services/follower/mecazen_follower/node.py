@@ -156,8 +156,11 @@ class FollowerNode(Node):
         """
         if message.ids and len(message.ids) != len(message.poses):
             raise RefusedError(f"{len(message.ids)} ids for {len(message.poses)} poses")
+        # a stamp of 0 is no stamp, as in ROS
+        unstamped_ns = now_ns - round(self.sensor.latency_s * NS_PER_S)
+        stamp_ns = message.header.stamp.ns or max(unstamped_ns, self.robot.span_ns[0])
         moved = message.header.frame_id in ("base_link", self.scenario.controller.base_frame_id)
-        robot = self.robot.at(message.header.stamp.ns) if moved else Pose2D()
+        robot = self.robot.at(stamp_ns) if moved else Pose2D()
         measurements = [
             check(
                 Measurement(
@@ -168,15 +171,15 @@ class FollowerNode(Node):
             )
             for seen, identity in zip(message.poses, message.ids or repeat(""), strict=False)
         ]
-        return Frame(self._captured(now_ns, message.header.stamp.ns), measurements)
+        return Frame(self._captured(now_ns, stamp_ns), measurements)
 
     def _captured(self, now_ns: int, stamp_ns: int) -> float:
         """Return the time of a frame's capture [s]: its stamp, if it is plausible.
 
-        A stamp of 0 is no stamp, as in ROS, and a stamp of another clock is not usable. In these
-        cases the capture is estimated from the latency in the data sheet.
+        A stamp of another clock is not usable: the capture is then estimated by the latency of the
+        data sheet.
         """
-        if 0 < stamp_ns <= now_ns and stamp_ns >= self.robot.span_ns[0]:
+        if self.robot.span_ns[0] <= stamp_ns <= now_ns:
             return stamp_ns / NS_PER_S
         return now_ns / NS_PER_S - self.sensor.latency_s
 
