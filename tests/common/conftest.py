@@ -1,4 +1,4 @@
-"""Scenario files, a Zenoh router of one's own, and pairs of buses that hear each other."""
+"""Buses that meet each other, and a wall clock that tests set."""
 
 import secrets
 import threading
@@ -20,11 +20,11 @@ END = Topic("test/end", String, "all before it has arrived")
 
 @pytest.fixture
 def open_bus(router):
-    """Open Zenoh buses that meet in one random namespace, unless told another."""
-    own = f"test{secrets.token_hex(6)}"
+    """Open Zenoh buses that meet in one random namespace by default."""
+    random = f"test{secrets.token_hex(6)}"
     buses = []
 
-    def open_one(mode="peer", namespace=own, **settings):
+    def open_one(mode="peer", namespace=random, **settings):
         config = BusConfig(connect=(router,), namespace=namespace, **settings)
         buses.append(ZenohBus(config, mode))
         return buses[-1]

@@ -11,11 +11,7 @@ import pytest
 import toys
 from harness import SCENARIOS, error_of
 from mecazen import keys, programs
-from mecazen.config import (
-    FollowerConfig,
-    RobotConfig,
-    Scenario,
-)
+from mecazen.config import FollowerConfig, RobotConfig, Scenario
 from mecazen.errors import ConfigError
 from mecazen.graph import GRAPH, NODES, OBSERVERS, SHARED, Graph, services
 from mecazen.keys import CLOCK, CMD_VEL, FOLLOWER_STATE, JOINT_COMMAND, ODOM, Topic
@@ -69,6 +65,7 @@ def test_a_node_without_its_extra_is_refused_with_the_extra(monkeypatch):
 
 
 MINE = "programs.mine = '../my.py:Mine'\n"
+VIEWER = "programs.viewer = '../my.py:Leader'\n"
 
 
 @pytest.mark.parametrize(
@@ -76,24 +73,18 @@ MINE = "programs.mine = '../my.py:Mine'\n"
     [
         ("services = ['physics', 'sensors']", "services: sensors takes no part with sensor.kind ="),
         (
-            "services = ['physics', 'guard']\nguard.enabled = false",
-            "services: guard takes no part with guard.enabled = false",
+            "guard.enabled = false\nservices = ['guard']",
+            "services: guard takes no part with guard",
         ),
         ("services = ['physics', 'target', 'follower']", "services: follower needs odom, which no"),
         ("programs.nowhere = '../my.py:Toy'", ".*/my.py:Toy: needs ROW, its row of the graph"),
         (
-            "services = ['viewer']\nprograms.viewer = '../my.py:Leader'",
-            ".*/my.py:Leader: in the place of viewer there is a Observer",
+            f"{VIEWER}services = ['viewer']",
+            ".*/my.py:Leader: in the place of viewer there is a Ob",
         ),
-        (
-            "programs.mine = '../my.py:Watcher'",
-            "mine: an observer takes the place of one in the graph",
-        ),
+        ("programs.mine = '../my.py:Watcher'", "mine: an observer takes the place of one in the"),
         ("programs.follower = '../my.py:Mine'", ".* must be a subclass of .*FollowerConfig"),
-        (
-            "programs.my-node = '../my.py:Mine'",
-            "programs: 'my-node' has a section, so its name must be letters, digits and _",
-        ),
+        ("programs.my-node = '../my.py:Mine'", "programs: 'my-node' has a section, so its name"),
         ("programs.mine = '../my.py:Required'", ".*mine: missing"),
         (f"{MINE}mine.gain = 0", ".*mine.gain: got 0; allowed: a number > 0"),
         (f"{MINE}mine.gian = 2.0", ".*mine.gian: unknown key; did you mean gain"),
@@ -139,10 +130,6 @@ def graph_with(scenario, *more, **changes):
         (
             "user:follower: in the place of follower it must give cmd_vel, which controller waits",
             [row("follower", gives=[FOLLOWER_STATE])],
-        ),
-        (
-            "user:target: in the place of target it must give target/observation, which follower",
-            [row("target", gives=[keys.TARGET_ODOM])],
         ),
         ("user:mine: 'a//b' is no key: ", [row("mine", gives=[topic("a//b")])]),
         ("user:mine: odom is a key of mecazen's own", [row("mine", every(topic("odom")))]),
@@ -237,8 +224,7 @@ def test_a_class_in_a_nodes_place_may_extend_its_section(write_scenario):
 )
 def test_nodes_take_part_with_the_sensor_that_needs_them(write_scenario, sensor, more, giver):
     lines = msgspec.toml.encode({"sensor": sensor}).decode()
-    graphs = [graph_of(load_scenario(write_scenario(text))) for text in ("", lines)]
-    plain, graph = graphs
+    plain, graph = (graph_of(load_scenario(write_scenario(text))) for text in ("", lines))
     assert {row.name for row in graph.rows} - {row.name for row in plain.rows} == more
     row = graph.giver(keys.OBSERVATION.key)
     assert (row and row.name) == giver
@@ -284,10 +270,7 @@ def test_a_topic_has_the_rate_of_its_row_or_of_its_givers_inputs(write_scenario)
     fused = load_scenario(write_scenario("sensor.kind = 'fused'\n"))
     ticks = [fused.ticks_per(graph_of(fused).rate(topic.key)) for topic in (keys.LEGS, topics[-1])]
     assert ticks == [10, 4]
-    circle = [
-        row("first", every(ODOM), gives=[CMD_VEL]),
-        row("second", every(CMD_VEL), gives=[ODOM]),
-    ]
-    assert Graph(circle).rate(ODOM.key) is None
-    circle[1] = row("second", every(CMD_VEL), gives=[ODOM], rates={ODOM.key: 20.0})
-    assert Graph(circle).rate(CMD_VEL.key) == 20.0
+    first = row("first", every(ODOM), gives=[CMD_VEL])
+    for rates, rate in (({}, None), ({ODOM.key: 20.0}, 20.0)):  # of a circle
+        second = row("second", every(CMD_VEL), gives=[ODOM], rates=rates)
+        assert Graph((first, second)).rate(CMD_VEL.key) == rate

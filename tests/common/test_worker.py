@@ -56,7 +56,6 @@ REAL_TIME = [
     # one step for each tick, in order
     (EVERY, "a0 a1 a1x a0x a2 a5 a4", ["0: a0", "1: a1", "2: a2", "5: a5"]),
     # two inputs trigger a step by samples of one tick
-    (BOTH, "a0 b0 b1 a1", ["0: a0 b0", "1: a1 b1"]),
     (BOTH, "a0 b0 a1 a2 b2 b3 a3", ["0: a0 b0", "2: a2 b2", "3: a3 b3"]),
     (BOTH, "b1 a0 a1", ["1: a1 b1"]),
     # a latest sample is never awaited, and used once
@@ -92,7 +91,6 @@ LOCKSTEP = [
     # a service starts late, in the middle of a tick
     (BOTH, "b5 a6 b6", ["6: a6 b6"]),
     (REVISED, "a0 d0 d0x a1", ["0: a0 d0", "0 again: d0x", "1: a1"]),
-    ((latest(L),), "l0 l1", []),
 ]
 
 
