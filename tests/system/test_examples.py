@@ -73,7 +73,7 @@ def test_the_sensors_topic_is_recorded_shown_and_computed_anew(tmp_path):
     assert again.counts == {"range": 40}
     assert again.difference is None
     shown = mecazen("topics", RANGE).stdout
-    assert re.search(r"range .*mecazen_examples/msg/Range .*\d+ Hz .*range", shown)
+    assert re.search(r"range .*mecazen_examples/Range .*\d+ Hz .*range", shown)
     assert "range_sensor.py" not in mecazen("graph", RANGE).stderr
 
 

@@ -95,7 +95,8 @@ class _LocalPublisher(Publisher[MessageT]):
         self._handlers = handlers
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
-        deliver(self._handlers, message, stamp)
+        for handler in self._handlers:
+            handler(message, stamp)
 
     def put_nothing(self, stamp: Stamp) -> None:
         """Do nothing: turns in this process need no report of a missing message."""

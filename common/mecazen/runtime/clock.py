@@ -161,7 +161,7 @@ class Clock:
     def _await_answers(self) -> None:
         """Deliver samples until the tick is answered (lockstep) or the next is due (real time)."""
         for slot in self.answers:
-            slot.expect(self.tick + 1)
+            slot.expect(self.tick + 1, self.tick)
         if not any(slot.is_remote and slot.awaited is not None for slot in self.answers):
             self.host.bus.drain()  # no wait below would deliver what has arrived
         self.host.revise()
