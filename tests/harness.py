@@ -188,17 +188,17 @@ class Listener:
     """Keeps what is published on some topics, in the order of publishing."""
 
     def __init__(self, bus: LocalBus, *topics: Topic[Any]) -> None:
-        self._heard: list[Sample] = []
+        self._samples: list[Sample] = []
         for topic in topics:
             self._listen(bus, topic)
 
     def _listen(self, bus: LocalBus, topic: Topic[Any]) -> None:
-        bus.subscribe(topic, lambda *sample: self._heard.append(Sample(topic.key, *sample)))
+        bus.subscribe(topic, lambda *sample: self._samples.append(Sample(topic.key, *sample)))
 
     def take(self) -> list[Sample]:
         """Everything since the last call."""
-        heard, self._heard = self._heard, []
-        return heard
+        samples, self._samples = self._samples, []
+        return samples
 
 
 class Rig:
@@ -219,7 +219,7 @@ class Rig:
         self.bus = LocalBus()
         host = Host([(service, "")], self.bus, scenario, kinds)
         self.driver = Worker(host) if host.clock is None else Clock(host)
-        self.heard = Listener(self.bus, *topics)
+        self.samples = Listener(self.bus, *topics)
         self.health = Listener(self.bus, keys.diagnostics(service))
         self._publishers: dict[Topic[Any], Any] = {}
 
@@ -240,17 +240,17 @@ class Rig:
     def take(self) -> list[Sample]:
         while isinstance(self.driver, Worker) and self.driver.step():
             pass
-        return self.heard.take()
+        return self.samples.take()
 
     def put_wrong(self, wrong: Sequence[Put]) -> list[Sample]:
         """Publish what an external program does; return what the service says, all sendable."""
-        heard = []
+        samples = []
         for put in wrong:
             self.bus.put_bytes(*put)
-            heard += self.take()
-        for sample in heard + self.health.take():
+            samples += self.take()
+        for sample in samples + self.health.take():
             assert_sendable(sample)
-        return heard
+        return samples
 
 
 class Steps:

@@ -71,7 +71,7 @@ class Mine(Section):
 
 def scenario_with(*robots, services=("physics", "mine"), **more):
     """Return a scenario with such a section, and with robots by their names and tables."""
-    each = enumerate(robots)
-    own = [{"name": name, "start": {"y_m": 2.0 * n}, **tables} for n, (name, tables) in each]
-    tables = {"robot": load_robot(), "services": services, "robots": own, **more}
+    starts = {name: {"y_m": 2.0 * n} for n, (name, _) in enumerate(robots)}
+    robot_tables = [{"name": name, "start": starts[name], **tables} for name, tables in robots]
+    tables = {"robot": load_robot(), "services": services, "robots": robot_tables, **more}
     return msgspec.convert(msgspec.to_builtins(tables), config.scenario_with(mine=Mine))

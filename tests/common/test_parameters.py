@@ -17,12 +17,12 @@ from mecazen.runtime.live import LiveParameters
 
 
 def test_live_fields_are_parameters_with_their_allowed_values():
-    found = {key: described(key, live) for key, live in parameters(scenario_with()).items()}
-    assert [*found] == [
+    descriptors = {key: described(key, live) for key, live in parameters(scenario_with()).items()}
+    assert [*descriptors] == [
         f"mine.{name}"
         for name in ("reach_m", "bearing_deg", "heading_deg", "side", "order", "turns", "gains.kp")
     ]
-    assert found["mine.reach_m"] == m.ParameterDescriptor(
+    assert descriptors["mine.reach_m"] == m.ParameterDescriptor(
         name="mine.reach_m",
         value="0.5",
         type="float",
@@ -30,18 +30,13 @@ def test_live_fields_are_parameters_with_their_allowed_values():
         range=(0.0, 1e9),
         allowed="a number > 0 and <= 1000000000",
     )
-    bearing = found["mine.bearing_deg"]
+    bearing = descriptors["mine.bearing_deg"]
     assert (bearing.value, bearing.unit, bearing.range) == ("", "°", (-360.0, 360.0))
     assert bearing.allowed.endswith(", or left out")
-    assert [(found[f"mine.{name}"].type, found[f"mine.{name}"].value) for name in KINDS] == [
-        ("string", '"left"'),
-        ("list", '["a", "b"]'),
-        ("bool", "true"),
-    ]
+    kinds = [descriptors[f"mine.{name}"] for name in ("side", "order", "turns")]
+    values = [(kind.type, kind.value) for kind in kinds]
+    assert values == [("string", '"left"'), ("list", '["a", "b"]'), ("bool", "true")]
     assert parameters(scenario_with(services=("physics",))) == {}
-
-
-KINDS = ("side", "order", "turns")
 
 
 def test_a_change_is_a_value_or_left_out():
@@ -68,11 +63,7 @@ def test_a_change_is_a_value_or_left_out():
         ("mine", "1", "mine: can't change while it runs: its value at the start counts"),
         ("mine.file", "1", "mine.file: can't change while it runs: its value"),
         ("guard.margin_m", "1", "guard.margin_m: guard takes no part in this scenario"),
-        (
-            "robots.six.mine.reach_m",
-            "1",
-            "robots.six.mine.reach_m: no such parameter; did",
-        ),
+        ("robots.six.mine.reach_m", "1", "robots.six.mine.reach_m: no such parameter; did"),
     ],
 )
 def test_a_wrong_change_is_one_line(key, text, line):
