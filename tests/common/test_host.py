@@ -197,6 +197,7 @@ def test_a_change_applies_from_its_tick_on(rig):
     rig.put(OBSERVATION, m.Observation(), 8)
     put_odom(rig, 8)
     assert steps(rig, 4) == [1.0, 1.0, 2.0, 2.0, 2.0]
+    rig.driver.host.configure(rig.driver.host.scenario)  # unchanged for this node
     assert rig.node.events.count("configured") == 1
     assert rig.node.config is rig.node.scenario.follower
     assert rig.node.sim == sim
