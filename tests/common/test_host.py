@@ -158,6 +158,7 @@ def test_a_new_run_and_a_return_of_its_service_reset_a_node(rig):
     for name in ("target", "controller"):
         for alive in (True, False, True):
             rig.bus.presence.update(name, alive=alive)
+    put_odom(rig, 9)  # of the ended run
     put_odom(rig, 6, run=2, seed=10)
     events = [event[:2] for event in rig.node.events[1:]]
     assert events == [("reset", 9), (5, 0.01), ("reset", 10), (5, 0.01), ("reset", 10), (6, 0.01)]
