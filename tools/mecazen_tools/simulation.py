@@ -305,7 +305,7 @@ class Simulation:
 
         Examples:
             >>> with Simulation("back", duration_s=0.1) as sim:
-            ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("legs/observation")
+            ...     sim.latest("clock").clock.nanosec, sim.step().time_s, sim.latest("people")
             (0, 0.01, None)
 
         Raises:
