@@ -23,7 +23,7 @@ from mecazen.schema import (
     NO_KEYS,
     PROGRAM,
     Folder,
-    Output,
+    OutputFile,
     Section,
     SectionT,
     choose,
@@ -505,12 +505,12 @@ def convert(
     """
 
     def to_path(wanted: type, value: Any) -> Path:
-        if wanted not in {Path, Folder, Output} or not isinstance(value, str) or not value:
+        if wanted not in {Path, Folder, OutputFile} or not isinstance(value, str) or not value:
             raise ValueError(f"got {show(value)}; allowed: a path")
-        if not opens_files and wanted is not Output:
+        if not opens_files and wanted is not OutputFile:
             raise UntrustedError(f"{path}: would open the file {printable(value)}")
         file = Path(value).resolve()
-        if wanted is not Output and not (file.is_dir() if wanted is Folder else file.is_file()):
+        if wanted is not OutputFile and not (file.is_dir() if wanted is Folder else file.is_file()):
             raise ValueError(f"{file}: no such {'folder' if wanted is Folder else 'file'}")
         return wanted(file)
 

@@ -37,7 +37,7 @@ class Folder(PosixPath):
     """A path to a folder; a plain `Path` in a configuration is a path to a file."""
 
 
-class Output(PosixPath):
+class OutputFile(PosixPath):
     """A path to a file to write, which need not exist."""
 
 

@@ -24,7 +24,7 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen.files import read_bytes, to_value
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.schema import Output
+from mecazen.schema import OutputFile
 from mecazen_people.paths import make_path
 from mecazen_tools import files
 from mecazen_tools.simulation import in_lockstep
@@ -207,7 +207,7 @@ def fingerprint(scenario: Scenario) -> str:
 def _content(value: Any) -> str:
     if not isinstance(value, Path):
         raise NotImplementedError(f"no way to write {type(value).__name__} as JSON")
-    if isinstance(value, Output):
+    if isinstance(value, OutputFile):
         return str(value)
     return hashlib.sha256(read_bytes(value)).hexdigest()
 

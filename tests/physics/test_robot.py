@@ -8,7 +8,7 @@ import subprocess
 import sys
 
 import pytest
-from mecazen.config.world import Box, Cylinder, Person
+from mecazen.config.world import Box, Cylinder, PersonConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen_physics.rollers import lateral_gain, yaw_gain
 from msgspec.structs import replace
@@ -110,7 +110,7 @@ def test_a_standing_person_stops_the_robot(nexus):
 
 
 def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus):
-    rig = Rig(nexus, person=Person(radius_m=0.15))
+    rig = Rig(nexus, person=PersonConfig(radius_m=0.15))
     for index in range(150):
         rig.place_person(Pose2D(-0.6 + 0.005 * index, 0.0, 0.0), Twist2D(x=0.5))
         rig.advance([0.0] * 4)

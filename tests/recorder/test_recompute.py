@@ -17,7 +17,7 @@ from mecazen.messages import Observation
 from mecazen.programs import graph_of
 from mecazen.runtime.host import Host
 from mecazen.runtime.worker import Worker
-from mecazen.schema import Output
+from mecazen.schema import OutputFile
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_recorder.recorder import Recorder
@@ -43,7 +43,7 @@ def recorded(tmp_path, mine):
         scenario = Scenario(robot=load_robot(), seed=3, robots=robots, programs={"follower": mine})
         bus = LocalBus()
         workers = [Worker(Host([("follower", r)], bus, scenario)) for r in scenario.names]
-        config = RecorderConfig(file=Output(path), encoding=encoding)
+        config = RecorderConfig(file=OutputFile(path), encoding=encoding)
         recorder = Recorder(bus, config, (), lambda: to_toml(scenario), scenario.names)
         for run in range(7, 7 + runs):
             for number in range(first, TICKS):

@@ -11,7 +11,7 @@ import pytest
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig, RecorderConfig
 from mecazen.messages import SimState
-from mecazen.schema import Output
+from mecazen.schema import OutputFile
 from mecazen.wire import Stamp, encode
 from mecazen_recorder import recorder as module
 from mecazen_recorder import writer
@@ -40,7 +40,7 @@ def rig(router, tmp_path):
         may_answer.wait()
 
     with closing(ZenohBus(BusConfig(connect=(router,), namespace="forged"), "client")) as bus:
-        recorder = Recorder(bus, RecorderConfig(file=Output(path)), (), scenario, ())
+        recorder = Recorder(bus, RecorderConfig(file=OutputFile(path)), (), scenario, ())
 
         def tell(key, payload, stamp):
             recorder._take_bytes((), key, payload, "", None if stamp is None else stamp.pack())

@@ -10,14 +10,14 @@ from mecazen.loading import to_toml
 from mecazen.runtime.host import Host
 from mecazen.runtime.process import observe
 from mecazen.runtime.worker import Worker
-from mecazen.schema import Output
+from mecazen.schema import OutputFile
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.service import free_name
 from recorder.ticks import odometry, stamp_of
 
 
 def test_the_recorder_beside_a_follower_writes_what_both_say(program, tmp_path):
-    config = RecorderConfig(file=Output(tmp_path / "run.mcap"), keys=("odom", "diagnostics/*"))
+    config = RecorderConfig(file=OutputFile(tmp_path / "run.mcap"), keys=("odom", "diagnostics/*"))
     scenario = Scenario(
         robot=load_robot(),
         services=("follower", "recorder"),

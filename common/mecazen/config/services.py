@@ -12,7 +12,7 @@ from mecazen.schema import (
     Length,
     Live,
     NonNegative,
-    Output,
+    OutputFile,
     Positive,
     Program,
     Section,
@@ -219,7 +219,7 @@ Encoding = Literal["cdr", "json"]
 class RecorderConfig(Section):
     """File, keys and encoding of a recording."""
 
-    file: Output | None = None
+    file: OutputFile | None = None
     """The MCAP file; left out: `run.mcap` in the working directory. In lockstep it must not exist;
     in real time, where a recorder may be restarted, the next free name is used."""
     keys: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)] = ("**",)

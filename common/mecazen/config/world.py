@@ -232,7 +232,7 @@ class Patch(Section, frozen=True, kw_only=True):
         return abs(at.x) <= self.size_m[0] / 2 and abs(at.y) <= self.size_m[1] / 2
 
 
-class Person(Section, frozen=True, kw_only=True):
+class PersonConfig(Section, frozen=True, kw_only=True):
     """The body of a person: an upright cylinder that robots can touch but not move."""
 
     radius_m: Positive = 0.2
@@ -257,7 +257,7 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     ramps: tuple[Ramp, ...] = ()
     patches: tuple[Patch, ...] = ()
     """Where patches overlap, the last one applies."""
-    person: Person = Person()
+    person: PersonConfig = PersonConfig()
     """The body of each person that a robot follows."""
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 import dartpy as dart
 import numpy as np
 from mecazen.config import PhysicsConfig, WorldConfig
-from mecazen.config.world import Box, Cylinder, Patch, Person
+from mecazen.config.world import Box, Cylinder, Patch, PersonConfig
 from mecazen.geometry import Pose2D
 from mecazen.links import base_link, lump
 from mecazen.robot import WHEELS, Robot
@@ -235,7 +235,7 @@ def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldCon
         node.setRelativeRotation([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def build_person(shape: Person) -> Any:
+def build_person(shape: PersonConfig) -> Any:
     """Return a person's skeleton, whose two positions are x and y [m].
 
     The joint moves at the commanded velocity, independent of contacts.

@@ -72,7 +72,7 @@ def record(
     Examples: mecazen record -o run.mcap · mecazen record odom 'target/**' --encoding json
     """
     from mecazen.config import RecorderConfig
-    from mecazen.schema import Output
+    from mecazen.schema import OutputFile
 
     from mecazen_recorder import rerun
     from mecazen_recorder.recorder import record_until_stopped
@@ -83,7 +83,7 @@ def record(
         rerun.converter()
     for told in filter(None, map(mistake, keys or ())):
         typer.echo(f"warning: {told}", err=True)
-    config = RecorderConfig(file=Output(output), keys=tuple(keys or ["**"]), encoding=encoding)
+    config = RecorderConfig(file=OutputFile(output), keys=tuple(keys or ["**"]), encoding=encoding)
     with tool_bus(context) as bus:
         count = record_until_stopped(bus, config)
         lost = bus.refused.total()
