@@ -13,6 +13,7 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.keys import CMD_VEL, ODOM, PEOPLE, SCAN, Topic
 from mecazen.loading import load_scenario, scenario_path
+from mecazen.loop import mapping_of
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import imported
 from mecazen.wire import NS_PER_S
@@ -51,7 +52,7 @@ class NodePlanner:
             SCAN: _scan(tick, view),
         }
         outputs = self._node.step(tick, Inputs(samples, now_ns=tick.time_ns))
-        command = outputs.get(CMD_VEL)
+        command = mapping_of("follower", outputs).get(CMD_VEL)
         if isinstance(command, m.Twist):
             self._twist = command.to_planar()
         return self._twist.x, self._twist.yaw
