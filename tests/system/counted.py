@@ -1,9 +1,7 @@
 """The nodes of the loop; at its end each writes down how much of the last run it has published."""
 
-import os
 from collections import Counter
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -15,9 +13,6 @@ from mecazen_controller.node import ControllerNode, OdometryNode
 from mecazen_follower.node import FollowerNode
 from mecazen_physics.node import PhysicsNode
 from mecazen_target.node import TargetNode
-
-FOLDER = "MECAZEN_TEST_COUNTS"
-"""The variable of the environment that says where to."""
 
 
 class _Counting:
@@ -50,7 +45,9 @@ class _Counting:
 
     def close(self) -> None:
         super().close()
-        (Path(os.environ[FOLDER]) / self.name).write_bytes(msgspec.json.encode(self.counts))
+        (self.scenario.recorder.path.parent / self.name).write_bytes(
+            msgspec.json.encode(self.counts)
+        )
 
 
 class Physics(_Counting, PhysicsNode):

@@ -111,8 +111,7 @@ def test_what_the_guard_lets_through_is_recorded_and_computed_anew(tmp_path):
         assert recompute(recording, node).difference is None
 
 
-def test_at_ten_times_real_time_all_that_is_published_is_recorded(stack, tmp_path, monkeypatch):
-    monkeypatch.setenv("MECAZEN_TEST_COUNTS", str(tmp_path))
+def test_at_ten_times_real_time_all_that_is_published_is_recorded(stack, tmp_path):
     services = ("physics", "controller", "target", "follower", "recorder")
     parts = ("physics", *NODES)
     path, counted = tmp_path / "run.mcap", Path(__file__).with_name("counted.py")
