@@ -23,14 +23,17 @@ class _Counting:
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.counts: Counter[str] = Counter()
+        self.is_in_step = False
 
     def reset(self, seed: int) -> None:
         super().reset(seed)
-        if seed:  # a follower without news for long resets itself, with 0
+        if not self.is_in_step:  # a follower without news for long resets itself
             self.counts.clear()
 
     def step(self, tick: Tick, inputs: Any) -> Any:
+        self.is_in_step = True
         outputs = super().step(tick, inputs)
+        self.is_in_step = False
         self.count(outputs)
         return outputs
 
