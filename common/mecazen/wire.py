@@ -144,12 +144,13 @@ def _decoded(payload: bytes, kind: type[Message]) -> Message:
 
 def _has_known_field(payload: bytes | msgspec.Raw, message: msgspec.Struct) -> bool:
     """Return whether an object has a field of the message, or no field at all."""
-    fields = _fields_of(payload) if message.__struct_fields__ else {}
-    for name in fields.keys() & set(message.__struct_fields__):
-        part = getattr(message, name)
-        if not isinstance(part, msgspec.Struct) or _has_known_field(fields[name], part):
-            return True
-    return not fields
+    if not message.__struct_fields__ or not (fields := _fields_of(payload)):
+        return True
+    known = [(raw, getattr(message, name, raw)) for name, raw in fields.items()]
+    return any(
+        _has_known_field(raw, part) if isinstance(part, msgspec.Struct) else part is not raw
+        for raw, part in known
+    )
 
 
 def ignored_field(payload: bytes, encoding: str, message: Message) -> str | None:

@@ -193,16 +193,18 @@ class RosNode:
             refuse_implausible(topic.name, message)
             return message
 
-        keep = self._bus.keep_newest(partial(self._ros.put, topic), source)
-
-        def receive(sample: zenoh.Sample) -> None:
+        def take(sample: zenoh.Sample) -> bool:
             try:
-                keep(read(sample))
+                message = read(sample)
             except RefusedError as refusal:
-                self._bus.queue.put(partial(self._bus.refuse, source, str(refusal)))
+                self._bus.refuse(source, str(refusal))
+                return False
+            self._ros.put(topic, message)
+            return True
 
+        receive = direct(self._bus.keep_newest(take, source))
         subscriber = self._ros.session.declare_subscriber(
-            key, direct(receive), allowed_origin=zenoh.Locality.REMOTE
+            key, receive, allowed_origin=zenoh.Locality.REMOTE
         )
         self._ros.kept.append(subscriber)
         self._declare("MS", name, ros_type)

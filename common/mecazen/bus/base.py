@@ -208,6 +208,15 @@ class Bus(ABC):
         total = self.refused[key]
         self._log(key, f"msg=refused key={printable(key)} count={total} reason={reason!r}")
 
+    def _decode_sample(
+        self, topic: Topic[MessageT], payload: bytes, encoding: str, attachment: bytes | None
+    ) -> tuple[MessageT, Stamp | None]:
+        """Return `decode_sample`; note an unknown field of a sample without a stamp."""
+        message, stamp = decode_sample(topic, payload, encoding, attachment)
+        if stamp is None:  # people and external programs write it
+            self._note_ignored(self.key_of(topic), payload, encoding, message)
+        return message, stamp
+
     def _decode_request(self, call: Call[RequestT, AnswerT], payload: bytes) -> RequestT:
         if not payload.strip():
             return call.request()
@@ -217,14 +226,15 @@ class Bus(ABC):
         except RefusedError as refusal:
             self.refuse(call.key, str(refusal))
             raise
-        if line := ignored_field(payload, "", request):
-            self._note_ignored(call.key, line)
+        self._note_ignored(call.key, payload, "", request)
         return request
 
-    def _note_ignored(self, key: str, line: str) -> None:
+    def _note_ignored(self, key: str, payload: bytes, encoding: str, message: Message) -> None:
         """Note an unknown field of a payload, and log it at most once a second."""
-        self.ignored[key] = line
-        self._log(key, f"msg=ignored key={key} reason={line!r}")
+        line = ignored_field(payload, encoding, message)
+        if line is not None:
+            self.ignored[key] = line
+            self._log(key, f"msg=ignored key={key} reason={line!r}")
 
     def _log(self, key: str, line: str) -> None:
         now = time.monotonic()

@@ -8,12 +8,12 @@ from fnmatch import fnmatchcase
 from threading import Event
 from typing import Any
 
-from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, decode_sample, deliver
+from mecazen.bus.base import Bus, Handler, Publisher, Reply, StoppedError, deliver
 from mecazen.errors import BusError, RefusedError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
-from mecazen.wire import Stamp, ignored_field
+from mecazen.wire import Stamp
 
 
 class LocalBus(Bus):
@@ -40,16 +40,13 @@ class LocalBus(Bus):
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
         """Publish bytes on `key`, as an external program would."""
-        if not (handlers := self._handlers.get(key)):
-            return
-        try:
-            message, stamp = decode_sample(self._topics[key], payload, encoding, attachment)
-        except RefusedError as refusal:
-            self.refuse(key, str(refusal))
-            return
-        if stamp is None and (line := ignored_field(payload, encoding, message)):
-            self._note_ignored(key, line)
-        deliver(handlers, message, stamp)
+        if handlers := self._handlers.get(key):
+            try:
+                sample = self._decode_sample(self._topics[key], payload, encoding, attachment)
+            except RefusedError as refusal:
+                self.refuse(key, str(refusal))
+            else:
+                deliver(handlers, *sample)
 
     def serve(
         self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]

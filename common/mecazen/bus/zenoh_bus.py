@@ -1,7 +1,7 @@
 """The bus over Eclipse Zenoh.
 
-Zenoh's threads decode samples. What follows, such as the call of a handler, waits as a function in
-one queue until `spin_once` calls it on the service's thread.
+On Zenoh's threads samples and queries become functions in one queue. `spin_once` calls them on the
+service's thread, which alone decodes: msgspec 0.22 crashed in decoders on Zenoh's threads.
 """
 
 from __future__ import annotations
@@ -19,16 +19,7 @@ from typing import Any, NoReturn, TypeVar
 
 import zenoh
 
-from mecazen.bus.base import (
-    Bus,
-    Handler,
-    Nothing,
-    Publisher,
-    Reply,
-    StoppedError,
-    decode_sample,
-    deliver,
-)
+from mecazen.bus.base import Bus, Handler, Nothing, Publisher, Reply, StoppedError, deliver
 from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
 from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
@@ -36,12 +27,14 @@ from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
 from mecazen.text import printable
-from mecazen.wire import JSON_ENCODING, RefusedError, Stamp, decode, encode, ignored_field
+from mecazen.wire import JSON_ENCODING, RefusedError, Stamp, decode, encode
 
 SAMPLE_BYTES = 500
 """Approximate memory of a waiting sample besides its content [bytes]."""
 BACKLOG_BYTES = 1 << 26
 """Maximum size of the waiting samples of a subscription to bytes [bytes]."""
+WAITING_AT_MOST = 16
+"""Maximum number of waiting samples of a subscription that takes the newest valid one."""
 SIGNAL_CHECK_S = 0.2
 """Maximum delay of a signal that another thread receives, and so does not end a wait [s]."""
 
@@ -122,26 +115,28 @@ class ZenohBus(Bus):
         if len(handlers) > 1:  # they share a Zenoh subscriber, which decodes each sample once
             return
 
-        def take(sample: tuple[MessageT, Stamp | None]) -> None:
-            deliver(handlers, *sample)
-
-        keep = self.keep_every(take) if every else self.keep_newest(take, key)
-
         def receive(sample: zenoh.Sample) -> None:
             try:
-                self._refuse_foreign(sample, key, sender)
-                payload, encoding, attachment = _content(sample)
-                if nothing is not None and not payload and attachment is not None:
-                    self.queue.put(partial(nothing, Stamp.unpack(attachment)))
-                    return
-                message, stamp = decode_sample(topic, payload, encoding, attachment)
+                self._refuse_unread(sample, key, topic.max_bytes, sender)
             except RefusedError as refusal:
                 self.queue.put(partial(self.refuse, key, str(refusal)))
-                return
-            if stamp is None and (line := ignored_field(payload, encoding, message)):
-                self.queue.put(partial(self._note_ignored, key, line))
-            keep((message, stamp))
+            else:
+                keep(sample)
 
+        def take(sample: zenoh.Sample) -> bool:
+            payload, encoding, attachment = _content(sample)
+            try:
+                if nothing is not None and not payload and attachment is not None:
+                    nothing(Stamp.unpack(attachment))
+                    return True
+                message, stamp = self._decode_sample(topic, payload, encoding, attachment)
+            except RefusedError as refusal:
+                self.refuse(key, str(refusal))
+                return False
+            deliver(handlers, message, stamp)
+            return True
+
+        keep = self.keep_every(take) if every else self.keep_newest(take, key)
         self._declare_subscriber(key, receive, zenoh.Locality.REMOTE)
 
     def keep_every(self, take: Callable[[ItemT], object]) -> Callable[[ItemT], None]:
@@ -149,27 +144,42 @@ class ZenohBus(Bus):
         return lambda item: self.queue.put(partial(take, item))
 
     def keep_newest(self, take: Callable[[ItemT], object], key: str) -> Callable[[ItemT], None]:
-        """Return a function as `keep_every`; an item replaces one that waits, which is lost."""
-        newest: deque[ItemT] = deque(maxlen=1)
+        """Return a function as `keep_every`, of whose items only the newest one is taken.
 
-        def take_newest() -> None:
-            if newest:
-                take(newest.pop())
-            else:
-                self.lost[key] += 1
+        If `take` returns False for it, the item before it is taken, and so on. Items that newer
+        ones replace are counted as lost.
+        """
+        lock, items, count = threading.Lock(), deque[ItemT](maxlen=WAITING_AT_MOST), 0
 
         def keep(item: ItemT) -> None:
-            newest.append(item)
-            self.queue.put(take_newest)
+            nonlocal count
+            with lock:
+                items.append(item)
+                count += 1
+                if count == 1:
+                    self.queue.put(take_newest)
+
+        def take_newest() -> None:
+            nonlocal count
+            with lock:
+                waiting, lost = list(items), count - 1
+                items.clear()
+                count = 0
+            while waiting and take(waiting.pop()) is False:
+                lost -= 1
+            if lost > 0:
+                self.lost[key] += lost
 
         return keep
 
-    def _refuse_foreign(self, sample: zenoh.Sample, key: str, service: str) -> None:
-        """Refuse a sample on another key expression, or of another session than the service's.
+    def _refuse_unread(self, sample: zenoh.Sample, key: str, limit: int, service: str) -> None:
+        """Refuse a sample by its size [bytes], its key expression, or its session.
 
         Access rules may allow a wildcard to clients that may not publish on the key. A program that
-        copies the session's identity is accepted; only certificates exclude it.
+        copies the identity of the service's session is accepted; only certificates exclude it.
         """
+        if len(sample.payload) > limit:
+            raise RefusedError(f"payload of {len(sample.payload)} bytes, at most {limit}")
         if str(sample.key_expr) != key:
             raise RefusedError("put on another key expression")
         source = sample.source_info
@@ -243,7 +253,7 @@ class ZenohBus(Bus):
         key = call.key
 
         def take(query: zenoh.Query) -> None:
-            reply: _ZenohReply[AnswerT] = _ZenohReply(query, key)
+            reply: ZenohReply[AnswerT] = ZenohReply(query, key)
             if call.changes and str(query.key_expr) != key:
                 # a query with a wildcard explores the keys and must not change state
                 self.refuse(key, "asked on another key expression")
@@ -332,8 +342,10 @@ class ZenohBus(Bus):
         try:
             if timeout_s is None:
                 function = next_of(self.queue)
+            elif timeout_s <= 0.0:
+                function = self.queue.get_nowait()
             else:
-                function = self.queue.get(timeout=max(timeout_s, 0.0))
+                function = self.queue.get(timeout=timeout_s)
         except queue.Empty:
             return False
         function()
@@ -377,17 +389,19 @@ class _ZenohPublisher(Publisher[MessageT]):
 
 
 @dataclass
-class _ZenohReply(Reply[AnswerT]):
+class ZenohReply(Reply[AnswerT]):
     """Answers one query, on its key."""
 
     query: zenoh.Query
     key: str
 
     def answer(self, message: AnswerT) -> None:
+        """Answer with a message."""
         with self.query as query:
             query.reply(self.key, encode(message), encoding=JSON_ENCODING)
 
     def refuse(self, reason: str) -> None:
+        """Answer with an error."""
         with self.query as query:
             query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
 
