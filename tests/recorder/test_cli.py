@@ -159,7 +159,7 @@ def test_a_key_of_any_name_is_text_in_the_table(tmp_path):
     writer.close()
     shown = mecazen("info", path)
     assert (shown.returncode, shown.stderr) == (0, "")
-    assert r"my/[/oops]\x1b[2J" in shown.stdout
+    assert r"my/[/oops]\u001b[2J" in shown.stdout
 
 
 def test_what_a_user_gets_wrong_is_one_line(net, make_recording, tmp_path):

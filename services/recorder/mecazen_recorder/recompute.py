@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import msgspec
 from mecazen.bus import LocalBus
 from mecazen.errors import ConfigError, is_installed
-from mecazen.graph import GRAPH, NODES, SERVICES
+from mecazen.graph import GRAPH, NODES, SERVICES, WORLDS
 from mecazen.keys import PARAMETERS
 from mecazen.messages import Message
 from mecazen.node import Node
@@ -28,6 +28,7 @@ PERIODIC = {topic.key for row in GRAPH for topic in row.outputs} - {PARAMETERS.k
 """Keys whose last sample marks the end of a recording."""
 
 
+NO_INPUTS = "is no node with recorded inputs; `mecazen simulate` runs the rest again"
 NOTHING = "nothing"
 """The value of a missing sample."""
 
@@ -107,6 +108,9 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
 def _make_worker(recording: Recording, run: int, program: str, robot: str, bus: LocalBus) -> Worker:
     """Return the nodes with their recorded configuration; raises as `recompute`."""
     scenario = recording.scenario(run)
+    service = NODES[program].part_of if program in NODES else program
+    if service in WORLDS:
+        raise ConfigError(f"{program}: {NO_INPUTS}")
     programs = scenario.programs
     if program in SERVICES:
         kinds = classes(program, scenario)
@@ -117,11 +121,8 @@ def _make_worker(recording: Recording, run: int, program: str, robot: str, bus: 
         programs = {**programs, **(dict.fromkeys(kinds, program) if user else {})}
     place = next(iter(kinds))
     name = NODES[place].part_of if place in NODES else place
-    is_world = any(row.owns_time for row in GRAPH if row.part_of == name)
-    if is_world or not all(issubclass(kind, Node) for kind in kinds.values()):
-        raise ConfigError(
-            f"{program}: is no node with recorded inputs; `mecazen simulate` runs the rest again"
-        )
+    if not all(issubclass(kind, Node) for kind in kinds.values()):
+        raise ConfigError(f"{program}: {NO_INPUTS}")
     if name not in scenario.services:
         raise RecordingError(f"{recording.path}: holds nothing that {program} publishes")
     recorded = msgspec.structs.replace(recording.scenario(run, name), programs=programs)
