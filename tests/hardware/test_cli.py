@@ -1,11 +1,12 @@
 """The commands of `mecazen hardware`, on an emulated board and with a whole stack."""
 
 import re
+import subprocess
 import time
 
 import pytest
 from hardware.stand import emulated
-from harness import SCENARIOS, Command, Newest, assert_one_line, mecazen
+from harness import SCENARIOS, Command, Newest, assert_one_line, command, mecazen
 from mecazen.geometry import Pose2D
 from mecazen.keys import OBSERVATION, ODOM
 from mecazen.messages import Header, Observation, Pose, PoseWithCovariance
@@ -30,6 +31,13 @@ def test_a_check_on_blocks_finds_all_wheels_in_order():
         done = mecazen("hardware", "check", "--yes", "--port", emulator.line.name)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.count(": ok, turned ") == 4
+
+
+def test_a_check_without_a_yes_is_one_line():
+    arguments = command(["hardware", "check"])
+    for answer in ("n\n", ""):
+        done = subprocess.run(**arguments, input=answer, capture_output=True, check=False)
+        assert (done.returncode, done.stderr) == (1, "error: not confirmed\n")
 
 
 def test_a_check_names_swapped_plugs():

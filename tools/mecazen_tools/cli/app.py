@@ -198,6 +198,9 @@ def main(commands: typer.Typer = app) -> None:
     except MecazenError as error:
         sys.stderr.write(f"error: {error}\n")
         sys.exit(error.exit_code)
+    except typer.Abort:  # a question without a yes
+        sys.stderr.write("error: not confirmed\n")
+        sys.exit(1)
     except OSError as error:
         if error.errno not in NO_ROOM:
             raise
