@@ -204,7 +204,7 @@ class Listener:
 class Rig:
     """One service of a scenario on a bus within the process, fed by hand.
 
-    `at` gives the stamps of its run; `take` what it has published since the last call.
+    `at` gives the stamps of its run; `take` returns its samples since the last call.
     With `kinds` its nodes are of these classes, by their names.
     """
 

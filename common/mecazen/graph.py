@@ -114,28 +114,11 @@ def rows(features: Set[str]) -> tuple[Row, ...]:
     if "depth" in features:
         nodes.append(_sensor("depth", "takes depth pictures", keys.DEPTH, keys.CAMERA_INFO))
     if "body" in features:
-        nodes.append(
-            Row(
-                "body",
-                "finds position and heading of persons from the joints that are seen",
-                program="mecazen_follower.perception.node:Body",
-                inputs=(every(keys.SKELETONS),),
-                outputs=(keys.OBSERVATION,),
-                service="follower",
-                priority=2,
-            )
-        )
+        summary = "finds position and heading of persons from the joints that are seen"
+        nodes.append(_perception("body", summary, keys.SKELETONS, keys.OBSERVATION))
     if "legs" in features:
         nodes.append(
-            Row(
-                "legs",
-                "finds persons by their legs in a scan",
-                program="mecazen_follower.perception.node:Legs",
-                inputs=(every(keys.SCAN),),
-                outputs=(keys.LEGS,),
-                service="follower",
-                priority=2,
-            )
+            _perception("legs", "finds persons by their legs in a scan", keys.SCAN, keys.LEGS)
         )
     seen: list[Topic[Any]] = [keys.OBSERVATION, keys.LEGS]
     if "planner" in features:
@@ -249,6 +232,18 @@ def _sensor(name: str, summary: str, *outputs: Topic[Any]) -> Row:
         outputs=outputs,
         rates={topic.key: f"sensors.{name}.rate_hz" for topic in outputs},
         service="sensors",
+        priority=2,
+    )
+
+
+def _perception(name: str, summary: str, sensed: Topic[Any], perceived: Topic[Any]) -> Row:
+    return Row(
+        name,
+        summary,
+        program=f"mecazen_follower.perception.node:{name.capitalize()}",
+        inputs=(every(sensed),),
+        outputs=(perceived,),
+        service="follower",
         priority=2,
     )
 

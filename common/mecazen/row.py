@@ -119,7 +119,7 @@ class Row:
         return *(topic.key for topic in self.outputs), *(call.key for call in self.calls)
 
     def placed(self, place: Row) -> Row:
-        """Return this row of a class with the name, service and role of a row of the table."""
+        """Return the row of a class with name, service and role of the node that it replaces."""
         return replace(
             self,
             name=place.name,

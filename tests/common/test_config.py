@@ -6,9 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from harness import error_of
-from mecazen import graph
 from mecazen.config import BusConfig, ControllerConfig, SimConfig
-from mecazen.config import scenario as config
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
@@ -84,7 +82,3 @@ def test_the_router_has_a_usual_port():
 )
 def test_a_robots_namespace_is_within_the_runs(namespace, name, expected):
     assert BusConfig(namespace=namespace).within(name).namespace == expected
-
-
-def test_shared_services_and_observers_are_those_of_the_graph():
-    assert (config.SHARED, config.OBSERVERS) == (graph.SHARED, graph.OBSERVERS)

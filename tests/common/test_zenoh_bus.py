@@ -214,7 +214,7 @@ def ask(open_bus, router):
                 if reply is not None:
                     replies.append(reply)
 
-        while not run("sim/state"):  # nobody answers as long as the session knows of nobody
+        while not run("sim/state"):  # the session has not yet discovered the server
             pass
         yield bus, resets, run
 

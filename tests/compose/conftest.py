@@ -115,7 +115,7 @@ class Stack(Compose):
             assert docker(*kind, "--quiet", *self.filters) == ""
 
     def await_event(self, event: str, done: Callable[[str], bool]) -> None:
-        """Wait until `done` was told of a service for which an event has come since `up`."""
+        """Wait until `done` accepts a service that has had an event since `up`."""
         since = f"--since={self.begin:.3f}"
         filters = (*self.filters, f"--filter=event={event}")
         for line in self._follow("events", "--format", "{{json .}}", since, *filters):
@@ -157,7 +157,7 @@ def images():
 
 @pytest.fixture(scope="module")
 def following(images):
-    """What `docker compose up` starts, with settings of our own."""
+    """The stack of `docker compose up`, with a seed and a standoff of its own."""
     stack = Stack(MECAZEN_SET="seed=5 follower.standoff_m=1.2")
     try:
         stack.up()

@@ -18,7 +18,7 @@ DIST = ROOT / "dist"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 SHORT = ("simulate", "back", "--set", "sim.duration_s=5", "--json")
 INSTALL_GUARD_S = 600.0
-"""It takes half a minute where what it fetches is at hand."""
+"""The tests take half a minute where the packages are in a cache."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Whom the robot follows among others: nobody else is taken for the person."""
+"""In a crowd the robot follows its person, and takes no walker for them."""
 
 import pytest
 from harness import SCENARIOS

@@ -27,5 +27,5 @@ def test_a_person_behind_a_wall_for_three_seconds_is_followed_on_when_they_come_
     # never unseen for longer than hidden, but for half a second
     assert 2.0 < max(state.last_seen_s for state in states) < hidden_s + 0.5
     assert states[-1].tracking == "following"
-    # meanwhile the robot goes on beside where the person is to be expected
+    # meanwhile the robot stays beside the predicted person
     assert abs(states[-1].distance_error) < 0.1

@@ -41,7 +41,7 @@ def test_catching_up_costs_a_tenth_more_than_the_fastest_robot_within_the_limits
         f"sim.duration_s={DURATION_S}",
         f"target.path={{ kind='straight', speed_m_s={speed}, length_m=30.0 }}",
         "target.gait={ sway_m = 0.0, speed_ripple = 0.0 }",
-        # what is judged is the plan, not what the noise adds to it
+        # the test judges the plan, not the effect of noise
         "sensor.position_std_m=0.001",
         "sensor.yaw_std_deg=0.1",
     )

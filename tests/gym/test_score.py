@@ -1,4 +1,4 @@
-"""Scores of policies: as of their episodes, beside each other, and in one line where one fails."""
+"""Scores of policies: computed from episodes, compared in a table; a failure is one line."""
 
 from itertools import product
 

@@ -17,7 +17,7 @@ def test_a_wheel_and_its_rollers_weigh_the_same_in_parts(robot):
         mass, centre, inertia = lump(parts)
         count = robot.rollers.count - 2
         assert mass == pytest.approx(robot.wheels.hub_mass_kg + count * robot.rollers.mass_kg)
-        # what is missing is at the bottom, and half a pitch to the side
+        # the gap is at the bottom, and half a pitch to the side
         assert centre[2] > 0.0
         assert (np.linalg.eigvalsh(inertia) > 0.0).all()
 

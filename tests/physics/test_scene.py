@@ -82,7 +82,7 @@ def test_along_a_wall_it_slides_as_in_the_open(nexus):
     before = rig.advance(HELD, 40)  # it bounces a little
     after = rig.advance(HELD, 150)
     assert after.position[1] < 0.3
-    # rims pass on no friction: what is left is that of the ground
+    # rims transmit no friction: only the ground does
     expected = 0.15 * MU * GRAVITY / math.sqrt(2.0)
     assert before.linear[0] - after.linear[0] == pytest.approx(expected, rel=0.01)
 

@@ -1,4 +1,4 @@
-"""What a depth picture shows, and how it is noisy."""
+"""The content and the noise of depth pictures."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a body tracker shows, and how wrong it is."""
+"""The frames of a body tracker and their errors."""
 
 import math
 
@@ -189,7 +189,7 @@ def test_white_noise_and_drift_are_as_told():
         errors.append((watch.in_world(skeleton) - joints)[trunk])
     errors = np.array(errors)
     told = np.array(skeleton.std)[trunk]
-    # drift is white after twice its time, of 5 frames: so many numbers are independent
+    # drift is white after twice its time constant of 5 frames: the number of independent values
     count = frames * 12 / (2 * 5)
     assert np.mean(errors) == pytest.approx(0.0, abs=4 * drift / math.sqrt(count))
     for number in range(4):

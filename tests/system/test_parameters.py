@@ -1,4 +1,4 @@
-"""Parameters that change while a run goes on give the same bits, however they are changed."""
+"""A change of parameters during a run gives bit-identical results, whatever its source."""
 
 import json
 import threading

@@ -29,10 +29,10 @@ class Played:
         )
         os.close(slave)
         self.text = ""
-        """What it has shown."""
+        """The output so far."""
 
     def read(self):
-        """Take what it has shown since."""
+        """Append the output since the last call."""
         while self._master is not None and select.select([self._master], [], [], 0)[0]:
             try:
                 read = os.read(self._master, 4096)
@@ -56,7 +56,7 @@ class Played:
 
 
 class Robot:
-    """What hears the commands on a bus."""
+    """A subscriber to the commands on a bus."""
 
     def __init__(self, endpoint):
         self.config = BusConfig(connect=(endpoint,), namespace=f"teleop{secrets.token_hex(6)}")

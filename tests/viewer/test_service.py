@@ -1,4 +1,4 @@
-"""Runs become recordings; what is wrong is refused; whoever describes no robot shows none."""
+"""Runs become recordings, wrong samples are refused, a run without a description has no robot."""
 
 import logging
 

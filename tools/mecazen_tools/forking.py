@@ -27,11 +27,12 @@ IMPORTED = [
     "mecazen_follower.node",
     "mecazen_follower.perception.node",
 ]
-"""Modules that the server imports, if they are installed."""
+"""Modules that the server imports, if they are installed: those of most scenarios. Reading them
+from the graph would delay the start of the server by the import of the graph."""
 
 
 def start_server() -> None:
-    """Start the server, unless it runs; it imports while this program goes on."""
+    """Start the server, unless it runs. It imports at the same time as this program."""
     CONTEXT.set_forkserver_preload(IMPORTED)
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # else it has threads, which a fork would not have
     resource_tracker.ensure_running()  # the server would start it, and unblock the signals

@@ -69,7 +69,7 @@ class Clock:
         self.step_reply: Reply[SimState] | None = None
         self.asked_reset: tuple[ResetRequest, Reply[SimState]] | None = None
         bus = host.bus
-        self._others = [
+        self._workers = [
             join_key(*part)
             for part in host.scenario.parts
             if part not in host.parts and part[0] not in (*OBSERVERS, COLLECTOR)
@@ -152,7 +152,7 @@ class Clock:
         if has_changed or is_first or (self.live.settings and is_full_second):
             self._publish_parameters()
         if has_changed and self.lockstep:
-            self.pace.confirm(self._others)
+            self.pace.confirm(self._workers)
         self.schedule.published(self.tick)
         host.loop.step(self.tick, stamp, self._await)
         host.has_news = True  # a command may have arrived after the turn that uses it

@@ -85,8 +85,9 @@ class Worker:
             has_come = host.bus.spin_once(POLL_S)
             if host.next_run is not None or (host.bus.hears_itself and not has_come):
                 return False
-            is_silent = time.monotonic() - begin_s > host.patience_s(slot)
-            if host.lockstep and is_silent and not has_come:
+            if has_come or not host.lockstep:
+                continue
+            if time.monotonic() - begin_s > host.patience_s(slot):
                 raise host.silence_of(host.givers([slot]))
         return True
 
