@@ -175,6 +175,8 @@ class Turn:
         self.promises: list[tuple[Topic[Any], int, Callable[[Stamp], None]]] = []
         """Outputs that other processes wait for, each with the ticks between samples and a function
         that publishes the absence of a message."""
+        self._is_open = False
+        """Whether the node has begun a run and is not closed."""
         self.missed = 0
         """Number of steps skipped because a sample of rule `every` did not arrive."""
         self.last: int | None = None
@@ -218,6 +220,14 @@ class Turn:
         self.known_ns = {}
         with self.calling():
             self.running.reset(seed_of(seed, self.robot))
+        self._is_open = True
+
+    def close(self) -> None:
+        """Close the node, unless it has never begun a run or is closed."""
+        if self._is_open:
+            self._is_open = False
+            with self.calling():
+                self.running.close()
 
     def configure(self, scenario: Scenario, seed: int) -> None:
         """Apply a scenario with changed parameters from the next step on."""

@@ -163,4 +163,4 @@ class Node(ABC):
         return {}
 
     def close(self) -> None:  # noqa: B027  # most have nothing to do
-        """Release resources."""
+        """Release resources; called once after `reset`, also if another node fails to start."""

@@ -8,6 +8,7 @@ import pytest
 from harness import Rig, ask_bytes, error_of
 from mecazen import keys
 from mecazen import messages as m
+from mecazen.bus import LocalBus
 from mecazen.config import SimConfig
 from mecazen.errors import BusError, ConfigError, NodeError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D
@@ -15,7 +16,7 @@ from mecazen.keys import CMD_VEL, OBSERVATION, ODOM, TARGET_CMD_VEL
 from mecazen.loading import load_scenario
 from mecazen.node import Inputs
 from mecazen.row import Row, due, every, latest
-from mecazen.runtime.host import part_of
+from mecazen.runtime.host import Host, part_of
 from mecazen.wire import Stamp
 from toys import Toy
 
@@ -255,6 +256,22 @@ def test_a_wrong_output_of_a_user_node_is_refused(rig, outputs, line):
     kind = type("Wrong", (Follower,), {"step": lambda *_: outputs})
     wrong = rig(kind, programs={"follower": "my.py:Wrong"})
     assert error_of(NodeError, lambda: put_odom(wrong, 5)).startswith(line)
+
+
+def test_a_failing_start_closes_the_nodes_that_have_begun(scenario):
+    closed = []
+
+    class First(Toy):
+        def close(self):
+            closed.append(self.scenario.seed)
+
+    class Second(First):
+        def reset(self, seed):
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        Host([("controller", "")], LocalBus(), scenario, {"odometry": First, "controller": Second})
+    assert closed == [scenario.seed]
 
 
 def test_a_part_belongs_to_a_robot_unless_all_robots_share_it(write_scenario):

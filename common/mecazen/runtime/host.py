@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -137,7 +138,10 @@ class Host:
         self._subscribe()
         self._serve()
         bus.presence.on_return.append(self._on_return)
-        self.begin(self.stamp)
+        with ExitStack() as failed:
+            failed.callback(self.close)
+            self.begin(self.stamp)
+            failed.pop_all()
 
     def begin(self, stamp: Stamp) -> None:
         """Begin a run, with the samples of it that have already arrived."""
@@ -222,8 +226,7 @@ class Host:
     def close(self) -> None:
         """Close the nodes."""
         for turn in self.loop.turns:
-            with turn.calling():
-                turn.running.close()
+            turn.close()
 
     def _make_loop(self, kinds: Mapping[str, Kind]) -> Loop:
         """Return the loop. Each output goes to the inputs that take it here, and to the bus."""

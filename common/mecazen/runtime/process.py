@@ -150,7 +150,10 @@ def observe(service: str, bus: Bus, scenario: Scenario) -> Observer:
     (kind,) = classes(service, scenario).values()
     assert issubclass(kind, Observer)  # `classes` refuses other types
     observer = kind(service, bus, scenario)
-    observer.reset(scenario.seed)
+    with ExitStack() as failed:
+        failed.callback(observer.close)
+        observer.reset(scenario.seed)
+        failed.pop_all()
     return observer
 
 
