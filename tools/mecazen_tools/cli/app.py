@@ -27,7 +27,7 @@ COMMANDS = (
     *(status.status, talk.echo, talk.pub, teleop.teleop),
 )
 EXTRAS = {
-    "hardware": {"hardware": "mecazen_hardware.cli:app"},
+    "hardware": {"hardware": "mecazen_tools.cli.hardware:app"},
     "recorder": {
         "record": "mecazen_recorder.cli:record",
         "replay": "mecazen_recorder.cli:replay",
