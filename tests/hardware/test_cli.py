@@ -10,7 +10,7 @@ from harness import SCENARIOS, Command, Newest, assert_one_line, command, mecaze
 from mecazen.geometry import Pose2D
 from mecazen.keys import OBSERVATION, ODOM
 from mecazen.messages import Header, Observation, Pose, PoseWithCovariance
-from mecazen_hardware.checklist import WheelCheck
+from mecazen_hardware.checklist import wiring_problem
 from mecazen_tools.processes import ProcessError
 from stack import Stack
 
@@ -60,7 +60,7 @@ def test_a_check_names_swapped_plugs():
     ],
 )
 def test_each_mistake_of_wiring_has_its_words(angles, problem):
-    text = WheelCheck(0, angles).problem
+    text = wiring_problem(0, angles)
     assert text.startswith(problem)
     assert bool(text) == bool(problem)
 

@@ -21,8 +21,7 @@ from mecazen.errors import ConfigError
 from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import Inertial, Voltage, WheelAngles
 from mecazen_hardware.keeper import DRIVE, STOP, keep
-from mecazen_hardware.link import Link
-from mecazen_hardware.port import HardwareError
+from mecazen_hardware.link import HardwareError, Link
 
 FORWARD = WheelSpeeds(10.0, 10.0, 10.0, 10.0)
 
@@ -155,7 +154,7 @@ def test_a_keeper_stops_the_motors_after_silence_and_at_the_end():
 
 
 def test_what_can_not_be_opened_is_one_line(monkeypatch, tmp_path):
-    monkeypatch.setattr("mecazen_hardware.port.BUSY_FOR_S", 0.1)
+    monkeypatch.setattr("mecazen_hardware.link.BUSY_FOR_S", 0.1)
     (tmp_path / "file").touch()
 
     def error(kind=HardwareError, **settings):

@@ -20,8 +20,8 @@ from mecazen.runtime.clock import Clock
 from mecazen.runtime.host import Host
 from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.driver import Safety, compensated
+from mecazen_hardware.link import HardwareError
 from mecazen_hardware.node import HardwareNode
-from mecazen_hardware.port import HardwareError
 from mecazen_physics.motor_model import MotorModel
 
 SERVICES = ("hardware", "controller")

@@ -17,8 +17,7 @@ from mecazen.robot import RealMotors
 from mecazen.wheels import WheelSpeeds
 
 from mecazen_hardware.board import Identity, Inertial, Report, Voltage, WheelAngles
-from mecazen_hardware.link import Link
-from mecazen_hardware.port import HardwareError
+from mecazen_hardware.link import HardwareError, Link
 from mecazen_hardware.wheels import Four, WheelEstimator
 
 logger = logging.getLogger(__name__)

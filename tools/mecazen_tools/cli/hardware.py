@@ -14,11 +14,9 @@ import typer
 from mecazen.config import HardwareConfig
 from mecazen.loading import given_file, load_table, scenario_path
 from mecazen.robot import WHEELS, Robot
-
 from mecazen_hardware.board import Voltage, WheelAngles
-from mecazen_hardware.checklist import turn_each
-from mecazen_hardware.link import Link
-from mecazen_hardware.port import HardwareError, usb_ports
+from mecazen_hardware.checklist import turn_each, wiring_problem
+from mecazen_hardware.link import HardwareError, Link, usb_ports
 
 app = typer.Typer(no_args_is_help=True, help="Real robots, and an emulated one.")
 
@@ -46,7 +44,7 @@ def probe(
 
     Example: mecazen hardware probe --port /dev/ttyUSB0
     """
-    with closing(_open(port, board, load_table(given_file(robot, "robot"), Robot))) as link:
+    with closing(_open(port, board, robot)) as link:
         link.read()
         time.sleep(LISTEN_S)
         reports = [report for report, _ in link.read()]
@@ -77,18 +75,17 @@ def check(
     """
     if not yes:
         typer.confirm("Are all wheels off the ground, and is a hand on the switch?", abort=True)
-    loaded = load_table(given_file(robot, "robot"), Robot)
-    with closing(_open(port, board, loaded)) as link:
-        checks = turn_each(link, loaded.wheels.max_speed_rad_s, typer.echo)
+    with closing(_open(port, board, robot)) as link:
+        turned = turn_each(link, typer.echo)
     problems = 0
-    for number, name in enumerate(WHEELS):
-        problem = checks[number].problem
+    for wheel, name in enumerate(WHEELS):
+        problem = wiring_problem(wheel, turned[wheel])
         if not yes and not problem and not typer.confirm(f"Did {name} alone turn forward?"):
             problem = "its encoder agrees, but it did not: encoder and motor are of another wheel"
         problems += bool(problem)
-        typer.echo(f"{name}: {problem or f'ok, turned {checks[number].angles[number]:.1f} rad'}")
+        typer.echo(f"{name}: {problem or f'ok, turned {turned[wheel][wheel]:.1f} rad'}")
     if problems:
-        raise HardwareError(f"{problems} of {len(checks)} wheels are wrong; do not drive yet")
+        raise HardwareError(f"{problems} of {len(WHEELS)} wheels are wrong; do not drive yet")
 
 
 @app.command()
@@ -133,9 +130,10 @@ def emulate(
         typer.echo(f"{emulator.firmware.taken} frames taken, {emulator.firmware.lost} lost")
 
 
-def _open(port: str | None, board: str, robot: Robot) -> Link:
+def _open(port: str | None, board: str, robot: str) -> Link:
     """Return the link to a board at a port, or at the first USB adapter."""
     ports = usb_ports() if port is None else [port]
     if not ports:
         raise HardwareError("no USB adapter here: plug the board in, or name its --port")
-    return Link(HardwareConfig(board=board, port=ports[0]), robot)
+    loaded = load_table(given_file(robot, "robot"), Robot)
+    return Link(HardwareConfig(board=board, port=ports[0]), loaded)
