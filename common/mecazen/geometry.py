@@ -81,21 +81,6 @@ def rotate(x: float, y: float, yaw: float) -> tuple[float, float]:
     return c * x - s * y, s * x + c * y
 
 
-def to_rectangle(ahead: float, beside: float, half: tuple[float, float]) -> float:
-    """Return the distance of a point from a rectangle [m]; inside, it is negative.
-
-    Args:
-        ahead: The point's coordinate along the length, from the middle of the rectangle [m].
-        beside: The same along the width [m].
-        half: Half the length and half the width of the rectangle [m].
-
-    >>> to_rectangle(0.0, -2.0, (1.0, 0.5))
-    1.5
-    """
-    x, y = abs(ahead) - half[0], abs(beside) - half[1]
-    return math.hypot(max(x, 0.0), max(y, 0.0)) + min(max(x, y), 0.0)
-
-
 def overlap(a: Pose2D, half_a: tuple[float, float], b: Pose2D, half_b: tuple[float, float]) -> bool:
     """Return whether two rectangles with their middles at `a` and `b` overlap.
 

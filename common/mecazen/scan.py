@@ -1,4 +1,4 @@
-"""Groups the points of a lidar's scan into things, and things that are legs into persons."""
+"""Groups the points of a lidar's scan into clusters, and clusters that are legs into persons."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
+from mecazen.arrays import compose
+from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats
 
@@ -23,16 +25,16 @@ STRIDE_M = 0.9
 """Greatest distance between the legs of one person."""
 
 
-class Things:
-    """The points of a scan, grouped by thing.
+class Clusters:
+    """The points of a scan, grouped by object.
 
     Attributes:
         xy: Positions of the points (n, 2) [m].
-        starts: Index of the first point of each of k things (k).
-        counts: Number of points of each thing (k).
-        index: Index of the thing of each point (n).
-        middle: Mean of each thing's points (k, 2) [m].
-        width: Twice the distance of the thing's farthest point from its middle (k) [m].
+        starts: Index of the first point of each of k clusters (k).
+        counts: Number of points of each cluster (k).
+        index: Index of the cluster of each point (n).
+        middle: Mean of each cluster's points (k, 2) [m].
+        width: Twice the distance of the cluster's farthest point from its middle (k) [m].
     """
 
     def __init__(self, xy: Floats, starts: Indices) -> None:
@@ -46,6 +48,10 @@ class Things:
             off = xy - self.middle[self.index]
             squares = off[:, 0] * off[:, 0] + off[:, 1] * off[:, 1]
             self.width = 2.0 * np.sqrt(np.maximum.reduceat(squares, starts))
+
+    def moved(self, frame: Pose2D) -> Clusters:
+        """Return the clusters in the parent of their frame."""
+        return Clusters(compose(frame, self.xy), self.starts)
 
 
 def ranges_of(scan: LaserScan, *, is_real: bool = False) -> Floats:
@@ -64,41 +70,40 @@ def ranges_of(scan: LaserScan, *, is_real: bool = False) -> Floats:
     return ranges
 
 
-def hits(scan: LaserScan, ranges: Floats, farthest_m: float = math.inf) -> tuple[Floats, Indices]:
-    """Return the points hit up to a range (n, 2) [m], in the lidar's frame, and their beams (n)."""
+def clusters(
+    scan: LaserScan, ranges: Floats, gap_m: float, farthest_m: float = math.inf
+) -> Clusters:
+    """Return the points that a scan hits, grouped by object, in the lidar's frame.
+
+    The scan is a circle: an object may begin with the last beams and end with the first.
+
+    Args:
+        scan: The scan.
+        ranges: Its ranges (n) [m]: `ranges_of`.
+        gap_m: Neighbouring points that are farther apart belong to different objects.
+        farthest_m: Points beyond this range are left out.
+    """
     most = min(scan.range_max, farthest_m)
     (beams,) = np.nonzero((ranges >= scan.range_min) & (ranges <= most))
     angles = scan.angle_min + scan.angle_increment * beams
-    return ranges[beams, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1), beams
-
-
-def clusters(xy: Floats, beams: Indices, count: int, gap_m: float) -> tuple[Floats, Indices]:
-    """Return the points grouped by thing, and the index at which each thing begins.
-
-    The scan is a circle: a thing may begin with the last beams and end with the first.
-
-    Args:
-        xy: Points in the order of their beams (n, 2) [m].
-        beams: Index of the beam of each point (n).
-        count: Number of beams of the scan.
-        gap_m: Neighbouring points that are farther apart belong to different things.
-    """
+    xy = ranges[beams, None] * np.stack((np.cos(angles), np.sin(angles)), axis=-1)
     if not len(xy):
-        return xy, beams
+        return Clusters(xy, beams)
     steps = np.diff(xy, axis=0, append=xy[:1])
     (cuts,) = np.nonzero(steps[:, 0] ** 2 + steps[:, 1] ** 2 > gap_m**2)
-    if not len(cuts):  # one thing: it begins after the widest gap between its beams
-        cuts = np.argmax(np.diff(beams, append=beams[0] + count), keepdims=True)
-    return np.roll(xy, -(cuts[0] + 1), axis=0), np.concatenate(([0], cuts[1:] - cuts[0]))
+    if not len(cuts):  # one object: it begins after the widest gap between its beams
+        cuts = np.argmax(np.diff(beams, append=beams[0] + len(ranges)), keepdims=True)
+    starts = np.concatenate(([0], cuts[1:] - cuts[0]))
+    return Clusters(np.roll(xy, -(cuts[0] + 1), axis=0), starts)
 
 
 def by_person(places: Sequence[Sequence[float]], legs: Flags, both: Flags) -> list[list[int]]:
-    """Group things by person: return the indices of each person's things, each thing once.
+    """Group clusters by person: return the indices of each person's clusters, each cluster once.
 
     Args:
-        places: Middles of all things (k, 2) [m].
-        legs: Whether a thing may be a leg (k); the two nearest to each other are one person's.
-        both: Whether a thing may be two legs that stand together (k).
+        places: Middles of all clusters (k, 2) [m].
+        legs: Whether a cluster may be a leg (k); the two nearest to each other are one person's.
+        both: Whether a cluster may be two legs that stand together (k).
     """
     legs_left, persons = set(np.flatnonzero(legs).tolist()), []
     near = sorted(

@@ -12,9 +12,10 @@ from typing import Any
 import msgspec
 import numpy as np
 from mecazen import messages as m
+from mecazen.arrays import to_rectangle
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
-from mecazen.geometry import Pose2D, Twist2D, to_rectangle
+from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import (
     CMD_VEL,
     GROUND_TRUTH,
@@ -342,4 +343,4 @@ def _half(thing: Box | Cylinder) -> tuple[float, float]:
 def from_outline(robot: Pose2D, half: tuple[float, float], x: float, y: float) -> float:
     """Return the distance of a point from an outline at `robot` [m]; negative inside."""
     at = robot.between(Pose2D(x, y))
-    return to_rectangle(at.x, at.y, half)
+    return float(to_rectangle(at.x, at.y, half))

@@ -13,10 +13,11 @@ import numpy.typing as npt
 from gymnasium.spaces import Box
 from gymnasium.utils import EzPickle
 from mecazen import keys
+from mecazen.arrays import to_rectangle
 from mecazen.config import Scenario
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D, Twist2D, to_rectangle, wrap
+from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.messages import Observation as Frame
 from mecazen.messages import Odometry
 from mecazen.ticks import whole_ticks
@@ -248,7 +249,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         """Return whether the rectangle that holds the robot reaches the person."""
         assert state.person is not None
         at = state.robot.between(state.person)
-        gap = to_rectangle(at.x, at.y, self.scenario.robot.footprint)
+        gap = float(to_rectangle(at.x, at.y, self.scenario.robot.footprint))
         return gap <= self.scenario.world.person.radius_m
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+from mecazen.arrays import to_rectangle
 from mecazen.config import WorldConfig
 from mecazen.config import people as config
 from mecazen.config.world import Box
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D, Twist2D, rotate, to_rectangle
+from mecazen.geometry import Pose2D, Twist2D, rotate
 
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
 from mecazen_people.motion import Motion, Path
@@ -89,7 +90,8 @@ def check_path(path: Path, world: WorldConfig, height: float, until: float) -> N
             x, y = solid.position_m
             if isinstance(solid, Box):
                 at = Pose2D(x, y, math.radians(solid.yaw_deg)).between(pose)
-                gap = to_rectangle(at.x, at.y, (solid.size_m[0] / 2, solid.size_m[1] / 2))
+                half = solid.size_m[0] / 2, solid.size_m[1] / 2
+                gap = float(to_rectangle(at.x, at.y, half))
             else:
                 gap = math.hypot(pose.x - x, pose.y - y) - solid.size_m[0]
             if gap < 0.0:

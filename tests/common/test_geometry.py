@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mecazen import arrays
 from mecazen.config import FollowerConfig
 from mecazen.errors import RefusedError
-from mecazen.geometry import Pose2D, PoseHistory, Twist2D, overlap, rotate, to_rectangle, wrap
+from mecazen.geometry import Pose2D, PoseHistory, Twist2D, overlap, rotate, wrap
 from planar import poses, standoffs, twists
 
 ROUNDING = 1e-12
@@ -180,16 +180,9 @@ def test_arrays_of_points_are_placed_as_single_poses(frame, places):
     assert arrays.between(frame, composed) == pytest.approx(xy, abs=ROUNDING)
 
 
-@given(points, st.floats(0.1, 5.0), st.floats(0.1, 5.0))
-def test_distances_to_a_rectangle_are_those_of_each_point(places, length, width):
-    single = [to_rectangle(*place, (length, width)) for place in places]
-    distances = arrays.to_rectangle(*np.array(places).T, (length, width))
-    assert distances == pytest.approx(single, abs=ROUNDING)
-
-
 def test_a_point_inside_is_as_deep_as_its_nearest_side():
-    assert to_rectangle(0.9, 0.0, (1.0, 0.5)) == pytest.approx(-0.1)
-    assert to_rectangle(2.0, -1.5, (1.0, 0.5)) == pytest.approx(2.0**0.5)
+    distances = arrays.to_rectangle([0.9, 2.0, 0.0], [0.0, -1.5, 0.7], (1.0, 0.5))
+    assert distances == pytest.approx([-0.1, 2.0**0.5, 0.2])
 
 
 def test_a_quarter_turn_brings_x_to_y():

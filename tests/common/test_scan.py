@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 from mecazen.messages import LaserScan
-from mecazen.scan import STRIDE_M, Things, by_person, clusters, hits, ranges_of
+from mecazen.scan import STRIDE_M, by_person, clusters, ranges_of
 
 BEAMS = 360
 NOTHING = 13.0
 
 
-def things_of(ranges, gap_m=0.1):
+def clusters_of(ranges, gap_m=0.1):
     scan = LaserScan(
         angle_min=-math.pi,
         angle_increment=math.tau / BEAMS,
@@ -19,28 +19,27 @@ def things_of(ranges, gap_m=0.1):
         range_max=12.0,
         ranges=tuple(ranges),
     )
-    xy, beams = hits(scan, np.array(scan.ranges), farthest_m=5.0)
-    return Things(*clusters(xy, beams, BEAMS, gap_m))
+    return clusters(scan, np.array(scan.ranges), gap_m, farthest_m=5.0)
 
 
 def test_a_thing_across_the_first_beam_is_one():
     ranges = np.full(BEAMS, NOTHING)
     ranges[:3] = ranges[-3:] = 1.0  # behind
     ranges[180:184] = 2.0  # ahead
-    things = things_of(ranges)
-    assert sorted(things.counts.tolist()) == [4, 6]
-    behind = int(np.argmin(things.middle[:, 0]))
-    assert things.middle[behind] == pytest.approx((-1.0, 0.0), abs=0.01)
+    groups = clusters_of(ranges)
+    assert sorted(groups.counts.tolist()) == [4, 6]
+    behind = int(np.argmin(groups.middle[:, 0]))
+    assert groups.middle[behind] == pytest.approx((-1.0, 0.0), abs=0.01)
     # six beams of a degree at 1 m: five steps, from end to end
-    assert things.width[behind] == pytest.approx(5 * math.tau / BEAMS, abs=0.005)
+    assert groups.width[behind] == pytest.approx(5 * math.tau / BEAMS, abs=0.005)
     # with a gap that holds all of it, it begins after its widest gap
-    assert things_of(ranges, gap_m=3.5).counts.tolist() == [10]
+    assert clusters_of(ranges, gap_m=3.5).counts.tolist() == [10]
 
 
 @pytest.mark.parametrize("value", [NOTHING, 6.0, math.nan])
-def test_no_hits_are_no_things(value):
-    things = things_of([value] * BEAMS)
-    assert (len(things.xy), len(things.middle), len(things.width)) == (0, 0, 0)
+def test_no_hits_are_no_groups(value):
+    groups = clusters_of([value] * BEAMS)
+    assert (len(groups.xy), len(groups.middle), len(groups.width)) == (0, 0, 0)
 
 
 def test_the_nearest_legs_are_one_persons():

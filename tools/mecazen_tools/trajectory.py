@@ -11,11 +11,12 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 from mecazen import keys
+from mecazen.arrays import to_rectangle
 from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
 from mecazen.errors import MecazenError
-from mecazen.geometry import Pose2D, overlap, to_rectangle, wrap
+from mecazen.geometry import Pose2D, overlap, wrap
 from mecazen.keys import Topic
 from mecazen.messages import FollowerState, Message, Odometry, Twist, planar_covariance
 from mecazen.programs import graph_of
@@ -218,7 +219,7 @@ class Trajectory:
 
         def touches(pose: Pose2D, x: float, y: float, radius: float) -> bool:
             centre = pose.between(Pose2D(x, y))
-            return to_rectangle(centre.x, centre.y, (length, width)) <= radius
+            return bool(to_rectangle(centre.x, centre.y, (length, width)) <= radius)
 
         def hits(pose: Pose2D, solid: Box | Cylinder) -> bool:
             x, y = solid.position_m

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from mecazen.arrays import between, compose, rotate
+from mecazen.arrays import between, rotate
 from mecazen.config import GuardConfig
 from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
@@ -15,17 +15,16 @@ from mecazen.portable import Floats
 from mecazen.scan import (
     BOTH_LEGS_M,
     LEG_M,
+    Clusters,
     Flags,
     Indices,
-    Things,
     by_person,
     clusters,
-    hits,
     ranges_of,
 )
+from mecazen.walkers import Place, Walker, Walkers
 
 from mecazen_guard.guard import Points
-from mecazen_guard.tracks import STILL_M_S, Track, Tracks
 
 GAP_M = 0.08
 """Neighbouring points that are farther apart belong to different clusters [m]."""
@@ -48,12 +47,27 @@ HIDDEN_BEAMS = 3
 range."""
 
 
-def _velocities(track: Track, fastest: float) -> tuple[list[float], list[float]]:
-    """Return the velocity of a track, and its certain lower bound [m/s]."""
-    u, v = track.direction
-    least = max(min(track.speed, track.newest) - STILL_M_S, 0.0)
-    speed, sure = min(track.speed, fastest), min(least, fastest)
-    return [speed * u, speed * v], [sure * u, sure * v]
+WALKING_SCANS = 3
+"""Minimum number of detections; with fewer, the velocity is assumed to be 0."""
+STILL_M_S = 0.3
+"""Slower tracks count as standing [m/s], since the middle of the visible points of a standing
+object also moves while the robot drives around it."""
+
+
+def _velocities(track: Walker) -> tuple[Place, Place]:
+    """Return the velocity of a track, and its certain lower bound [m/s].
+
+    Only a person's track has a velocity: the visible part of a box also moves as the robot drives
+    around it. The last step shows first that a person stops.
+    """
+    speed = track.speed
+    if track.detections < WALKING_SCANS or not track.is_person or speed < STILL_M_S:
+        return (0.0, 0.0), (0.0, 0.0)
+    u, v = track.vx / speed, track.vy / speed
+    last = track.step[0] * u + track.step[1] * v
+    least = max(min(speed, last) - STILL_M_S, 0.0)
+    most, least = min(speed, PERSON_SPEED_M_S), min(least, PERSON_SPEED_M_S)
+    return (most * u, most * v), (least * u, least * v)
 
 
 class Surroundings:
@@ -75,7 +89,7 @@ class Surroundings:
 
     def forget(self) -> None:
         """Forget all points and tracks."""
-        self._tracks = Tracks()
+        self._walkers = Walkers()
         self._points = Points()
         self.time: float | None = None
         """Time of the newest scan [s]; None if there is none."""
@@ -100,30 +114,32 @@ class Surroundings:
     def update(self, scan: LaserScan, robot: Pose2D) -> None:
         """Update with a scan that was captured with base_link at `robot` in odom."""
         self.time = scan.header.stamp.ns / 1e9
-        ranges = ranges_of(scan, is_real=self._is_real)
-        points, starts = clusters(*_hits(scan, ranges), len(scan.ranges), GAP_M)
-        if not len(points):
-            self._tracks.update(self.time, ())
+        ranges = _with_hidden(scan, ranges_of(scan, is_real=self._is_real))
+        seen = clusters(scan, ranges, GAP_M, FARTHEST_M).moved(robot.compose(self._mount))
+        if not len(seen.xy):
+            self._walkers.update(self.time, ())
             self._points = Points()
             return
-        things = Things(compose(robot.compose(self._mount), points), starts)
-        margins = np.full(len(starts), self.config.margin_m)
-        velocity, sure = np.zeros((2, len(starts), 2))
-        legs = things.width <= LEG_M
-        looks = legs & _is_round(things)
-        middles = things.middle.tolist()
-        persons = by_person(middles, legs, ~legs & (things.width <= BOTH_LEGS_M))
-        seen = [(_mean([middles[i] for i in of]), bool(looks[of].any())) for of in persons]
-        for of, track in zip(persons, self._tracks.update(self.time, seen), strict=True):
-            velocity[of], sure[of] = _velocities(track, PERSON_SPEED_M_S)
+        margins = np.full(len(seen.starts), self.config.margin_m)
+        velocity, sure = np.zeros((2, len(seen.starts), 2))
+        legs = seen.width <= LEG_M
+        looks = legs & _is_round(seen)
+        middles = seen.middle.tolist()
+        persons = by_person(middles, legs, ~legs & (seen.width <= BOTH_LEGS_M))
+        places = [_mean([middles[i] for i in members]) for members in persons]
+        tracks = self._walkers.update(
+            self.time, places, [bool(looks[members].any()) for members in persons]
+        )
+        for members, track in zip(persons, tracks, strict=True):
+            velocity[members], sure[members] = _velocities(track)
             if track.is_person:
-                margins[of] = self.config.person_margin_m
-        xy, thing = _thinned(things)
-        moves = velocity[thing].any(axis=1)  # each such point exists twice, at rest and in motion
+                margins[members] = self.config.person_margin_m
+        xy, cluster = _thinned(seen)
+        moves = velocity[cluster].any(axis=1)  # each such point exists twice, at rest and in motion
         self._points = Points(
             np.concatenate((xy, xy[moves])),
-            np.concatenate((sure[thing], velocity[thing][moves])),
-            np.concatenate((margins[thing], margins[thing][moves])),
+            np.concatenate((sure[cluster], velocity[cluster][moves])),
+            np.concatenate((margins[cluster], margins[cluster][moves])),
             np.arange(len(xy) + moves.sum()) < len(xy),
         )
 
@@ -135,38 +151,39 @@ class Surroundings:
         )
 
 
-def _mean(places: Sequence[Sequence[float]]) -> tuple[float, float]:
+def _mean(places: Sequence[Sequence[float]]) -> Place:
     x, y = (math.fsum(axis) / len(places) for axis in zip(*places, strict=True))
     return x, y
 
 
-def _is_round(things: Things) -> Flags:
+def _is_round(clusters: Clusters) -> Flags:
     """Return which clusters are curved like a leg."""
-    xy, starts, counts = things.xy, things.starts, things.counts
+    xy, starts, counts = clusters.xy, clusters.starts, clusters.counts
     first = xy[starts]
     chord = xy[starts + counts - 1] - first
     chord /= np.maximum(np.hypot(*chord.T), 1e-9)[:, None]
-    off, along = xy - first[things.index], chord[things.index]
+    off, along = xy - first[clusters.index], chord[clusters.index]
     off = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
     mean, square = (np.add.reduceat(part, starts) / counts for part in (off, off**2))
-    is_round: Flags = square - mean**2 >= (ROUND * things.width) ** 2
+    is_round: Flags = square - mean**2 >= (ROUND * clusters.width) ** 2
     return (counts >= LEG_POINTS) & is_round
 
 
-def _thinned(things: Things) -> tuple[Floats, Indices]:
+def _thinned(clusters: Clusters) -> tuple[Floats, Indices]:
     """Return the points thinned to `SPACING_M`, and the cluster of each point."""
-    along = np.cumsum(np.hypot(*np.diff(things.xy, axis=0, prepend=things.xy[:1]).T))
-    cells = (along - along[things.starts][things.index]) // SPACING_M
+    along = np.cumsum(np.hypot(*np.diff(clusters.xy, axis=0, prepend=clusters.xy[:1]).T))
+    cells = (along - along[clusters.starts][clusters.index]) // SPACING_M
     keep = np.diff(cells, prepend=-1.0) != 0.0
-    keep[things.starts] = True
-    return things.xy[keep], things.index[keep]
+    keep[clusters.starts] = True
+    return clusters.xy[keep], clusters.index[keep]
 
 
-def _hits(scan: LaserScan, ranges: Floats) -> tuple[Floats, Indices]:
-    """Return the points of a scan in the lidar's frame, and the beam of each point."""
+def _with_hidden(scan: LaserScan, ranges: Floats) -> Floats:
+    """Return the ranges, the minimum range for beams that an object below it hides."""
     hidden = ~(ranges >= scan.range_min)
-    if hidden.any():  # many in a row are not dropouts
-        runs = np.all([np.roll(hidden, k) for k in range(HIDDEN_BEAMS)], axis=0)
-        hidden = np.any([np.roll(runs, -k) for k in range(HIDDEN_BEAMS)], axis=0)
-        ranges = np.where(hidden, scan.range_min, ranges)
-    return hits(scan, ranges, FARTHEST_M)
+    if not hidden.any():
+        return ranges
+    # many in a row are not dropouts
+    runs = np.all([np.roll(hidden, k) for k in range(HIDDEN_BEAMS)], axis=0)
+    hidden = np.any([np.roll(runs, -k) for k in range(HIDDEN_BEAMS)], axis=0)
+    return np.where(hidden, scan.range_min, ranges)

@@ -10,7 +10,7 @@ from mecazen.messages import ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
 
 from mecazen_follower.perception.body import pose_of
-from mecazen_follower.perception.legs import persons, things_of
+from mecazen_follower.perception.legs import clusters_of, persons
 
 
 class Body(Node):
@@ -58,7 +58,7 @@ class Legs(Node):
             m.PoseWithCovariance(
                 pose=m.Pose.planar(self.lidar.compose(pose)), covariance=ros_covariance(covariance)
             )
-            for pose, covariance in persons(things_of(scan))
+            for pose, covariance in persons(clusters_of(scan))
         ]
         header = m.Header(stamp=scan.header.stamp, frame_id="base_link")
         return {LEGS: m.Observation(header=header, poses=tuple(found))}

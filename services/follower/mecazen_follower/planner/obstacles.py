@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.arrays import compose
 from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats, arctan2
-from mecazen.scan import BOTH_LEGS_M, Things, ranges_of
+from mecazen.scan import BOTH_LEGS_M, Clusters, ranges_of
+from mecazen.walkers import Walkers
 
-from mecazen_follower.perception.legs import persons, things_of
-from mecazen_follower.planner.movers import Movers
+from mecazen_follower.perception.legs import clusters_of, persons
 
 VOXEL_M = 0.1
 """One point is kept per square of this width [m]."""
@@ -23,31 +22,48 @@ MEMORY_S = 1.5
 """Time for which a hidden point is remembered [s]."""
 BEHIND_M = 0.15
 """A point is hidden by anything that is nearer by at least this distance [m]."""
-OWN_M = 0.5
-"""Maximum distance of a leg from its person: half a stride [m]."""
+HALF_STRIDE_M = 0.5
+"""Maximum distance of a leg from its person [m]."""
+CONFIRMED = 5
+"""Minimum number of detections of a walker; fewer may be an edge that comes into view."""
+SLOWEST_M_S, FASTEST_M_S = 0.3, 2.5
+"""Slower tracks are standing; faster tracks are not persons [m/s]."""
 
 
 class Surroundings:
     """Everything that the lidar sees except the followed person, in odom."""
 
     def __init__(self) -> None:
-        self.movers = Movers()
+        self._walkers = Walkers()
         self._points: Floats = np.empty((0, 2))
         self._times: Floats = np.empty(0)
 
     def see(self, time: float, scan: LaserScan, lidar: Pose2D, person: Pose2D) -> None:
         """Update with a scan that was captured at `time` [s] with the lidar at a pose in odom."""
-        things = things_of(scan)
-        found = [lidar.compose(pose) for pose, _ in persons(things)]
-        others = [(one.x, one.y) for one in found if one.distance(person) > OWN_M]
-        self.movers.update(time, others)
-        walkers = np.vstack((self.movers.places(time), [person[:2]]))
+        clusters = clusters_of(scan)
+        persons_in_odom = [lidar.compose(pose) for pose, _ in persons(clusters)]
+        others = [
+            (pose.x, pose.y) for pose in persons_in_odom if pose.distance(person) > HALF_STRIDE_M
+        ]
+        self._walkers.update(time, others)
+        walkers = np.vstack((self.walkers(np.array([time]))[0], [person[:2]]))
 
         hidden = self._hidden(scan, lidar) & (self._times > time - MEMORY_S)
-        things = Things(compose(lidar, things.xy), things.starts)
-        standing = things.xy[~_of_walkers(things, walkers)]
+        clusters = clusters.moved(lidar)
+        standing = clusters.xy[~_are_legs(clusters, walkers)]
         self._points = np.vstack((self._points[hidden], standing))
         self._times = np.concatenate((self._times[hidden], np.full(len(standing), time)))
+
+    def walkers(self, times: Floats) -> Floats:
+        """Return the predicted positions of walking people (times, n, 2) in odom."""
+        walking = [
+            (track.x, track.y, track.vx, track.vy, track.time)
+            for track in self._walkers.tracks
+            if track.detections >= CONFIRMED and SLOWEST_M_S <= track.speed <= FASTEST_M_S
+        ]
+        state = np.array(walking).reshape(-1, 5)
+        ahead: Floats = state[:, :2] + (times[:, None, None] - state[:, 4:]) * state[:, 2:4]
+        return ahead
 
     def standing(self, robot: Pose2D) -> Floats:
         """Return the points that stand still (n, 2) in odom: the nearest, thinned out."""
@@ -74,9 +90,9 @@ class Surroundings:
         return hidden
 
 
-def _of_walkers(things: Things, walkers: Floats) -> npt.NDArray[np.bool_]:
+def _are_legs(clusters: Clusters, walkers: Floats) -> npt.NDArray[np.bool_]:
     """Return which points are legs: in clusters no wider than two legs, beside a walking person."""
-    off = things.middle[:, None] - walkers
-    beside = np.hypot(off[..., 0], off[..., 1]).min(axis=1) <= OWN_M
-    of_walkers: npt.NDArray[np.bool_] = ((things.width <= BOTH_LEGS_M) & beside)[things.index]
-    return of_walkers
+    off = clusters.middle[:, None] - walkers
+    beside = np.hypot(off[..., 0], off[..., 1]).min(axis=1) <= HALF_STRIDE_M
+    are_legs: npt.NDArray[np.bool_] = ((clusters.width <= BOTH_LEGS_M) & beside)[clusters.index]
+    return are_legs

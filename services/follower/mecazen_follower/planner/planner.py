@@ -120,7 +120,7 @@ class Planner:
         )
         standing = self.surroundings.standing(robot) - robot[:2]
         times: Floats = time + self._dt * np.arange(1.0, STEPS + 1.0)
-        movers = self.surroundings.movers.ahead(times) - robot[:2]
+        movers = self.surroundings.walkers(times) - robot[:2]
         shadows = self._shadows(prediction.poses[:, :2], standing, movers)
         was = self._config.clearance_m
         wanted = was if self._commands is None else 1.5 * was  # hysteresis: return to the law late

@@ -1,0 +1,74 @@
+"""Tracks of people: who walks, how fast, and for how long a track lasts."""
+
+import pytest
+from mecazen.walkers import FORGET_S, GATE_M, LOOKED_S, Walkers
+
+
+def walk(walkers, scans, *, speed=0.8, is_leg=True, begin=0):
+    """Show a person who walks along x, 10 times a second; return their last track."""
+    for k in range(begin, begin + scans):
+        (track,) = walkers.update(0.1 * k, [(speed * 0.1 * k, 2.0)], [is_leg])
+    return track
+
+
+def test_a_walker_has_the_velocity_of_successive_detections():
+    walkers = Walkers()
+    # the prior of 2 m/s about rest counts as much as 5 % of the first two steps
+    assert walk(walkers, 3).vx == pytest.approx(0.8, rel=0.06)
+    track = walk(walkers, 9, begin=3)
+    assert (track.vx, track.vy, track.speed) == pytest.approx((0.8, 0.0, 0.8), abs=0.002)
+    assert track.step == pytest.approx((0.8, 0.0))
+    assert track.at(2.1) == pytest.approx((0.8 * 2.1, 2.0), abs=0.003)
+
+
+def test_gains_are_those_of_a_constant_velocity_filter():
+    # α-β filter of the tracking index λ² = q T³/r of continuous white noise: the steady state
+    # satisfies β²/(1-α) = λ² and β = 3(2-α) - sqrt(3(α² - 12α + 12)) (Bar-Shalom, section 6.5.3)
+    track = walk(Walkers(), 40)
+    pp, pv, _ = track.variances
+    alpha, beta = pp / 0.07**2, 0.1 * pv / 0.07**2
+    assert beta**2 / (1.0 - alpha) == pytest.approx(0.5 * 0.1**3 / 0.07**2, rel=1e-6)
+    assert beta == pytest.approx(
+        3.0 * (2.0 - alpha) - (3.0 * (alpha**2 - 12.0 * alpha + 12.0)) ** 0.5, rel=1e-6
+    )
+
+
+def test_a_person_remains_one_for_a_while_without_looking_like_a_leg():
+    walkers = Walkers()
+    walk(walkers, 5)
+    assert walk(walkers, 10, is_leg=False, begin=5).is_person
+    assert not walk(walkers, round(LOOKED_S / 0.1), is_leg=False, begin=15).is_person
+
+
+def test_separated_legs_both_have_the_speed_of_their_person():
+    walkers = Walkers()
+    walk(walkers, 6)
+    tracks = walkers.update(0.6, [(0.4, 2.0), (0.56, 2.0)])
+    assert [track.speed > 0.5 for track in tracks] == [True, True]
+    assert len(walkers.tracks) == 2
+
+
+def test_two_people_keep_their_tracks():
+    walkers = Walkers()
+    for k in range(20):  # they pass each other 0.4 m apart, within the gate
+        right, left = walkers.update(0.1 * k, [(0.1 * k - 1.0, 0.2), (1.0 - 0.1 * k, -0.2)])
+    assert (right.vx, left.vx) == pytest.approx((1.0, -1.0), abs=0.01)
+    assert len(walkers.tracks) == 2
+
+
+def test_a_detection_beyond_the_gate_begins_a_track():
+    walkers = Walkers()
+    walk(walkers, 6)
+    (track,) = walkers.update(0.6, [(0.48 + 1.1 * GATE_M, 2.0)])
+    assert (track.detections, track.speed, track.is_person) == (1, 0.0, False)
+    assert len(walkers.tracks) == 2
+
+
+def test_an_unseen_track_continues_and_ends():
+    walkers = Walkers()
+    walk(walkers, 6)
+    assert walkers.update(0.5 + FORGET_S, []) == []
+    (track,) = walkers.tracks
+    assert track.at(1.0) == pytest.approx((0.8, 2.0), abs=0.02)
+    walkers.update(0.6 + FORGET_S, [])
+    assert walkers.tracks == []
