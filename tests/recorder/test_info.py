@@ -2,9 +2,9 @@
 
 import pytest
 from mecazen.messages import Twist
-from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingWriter
+from mecazen_tools.recording_info import inspect
 from recorder.ticks import stamp_of, tick
 
 

@@ -6,9 +6,9 @@ from harness import SCENARIOS, error_of
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, to_toml
 from mecazen.messages import Time, Twist, planar_odometry
-from mecazen_recorder.plot import figure
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError, RecordingWriter
+from mecazen_tools.recorded_figure import figure
 from mecazen_tools.run_figure import VELOCITIES, Course, draw
 from recorder.ticks import stamp_of
 

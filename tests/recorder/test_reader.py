@@ -16,9 +16,9 @@ from mecazen.errors import MecazenError
 from mecazen.messages import Twist, Vector3
 from mecazen.urdf import RobotDescription
 from mecazen.wire import JSON_ENCODING
-from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import MAX_CHUNK_BYTES, Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
+from mecazen_tools.recording_info import inspect
 from recorder.ticks import TICK_NS, stamp_of, tick
 from zstandard import ZstdCompressor
 

@@ -13,10 +13,10 @@ from mecazen.errors import ConfigError
 from mecazen.graph import COLLECTOR
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.parameters import changed
-from mecazen_recorder.info import inspect
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.cli.app import app
+from mecazen_tools.recording_info import inspect
 from mecazen_tools.simulate import collect
 from mecazen_tools.simulation import Simulation
 from typer.testing import CliRunner

@@ -14,9 +14,9 @@ from mecazen import Simulation, keys
 from mecazen.config import SensorConfig
 from mecazen.graph import rows
 from mecazen.messages import Empty, GuardState, ResetRequest, StepRequest
-from mecazen_recorder.plot import figure
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.recompute import recompute
+from mecazen_tools.recorded_figure import figure
 from mecazen_tools.run_figure import courses, draw
 
 HARD = (

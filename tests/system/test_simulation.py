@@ -12,10 +12,10 @@ from mecazen.errors import ConfigError, NodeError
 from mecazen.limits import FASTEST_PERSON
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.urdf import ask_description, read
-from mecazen_recorder.plot import figure
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools import simulation
+from mecazen_tools.recorded_figure import figure
 from mecazen_tools.simulate import simulate
 
 SHORT = {"seed": 5, "sim.duration_s": 1.0, "follower.standoff_m": 1.5}

@@ -29,10 +29,10 @@ COMMANDS = (
 EXTRAS = {
     "hardware": {"hardware": "mecazen_tools.cli.hardware:app"},
     "recorder": {
-        "record": "mecazen_recorder.cli:record",
-        "replay": "mecazen_recorder.cli:replay",
-        "info": "mecazen_recorder.cli:info",
-        "plot": "mecazen_recorder.cli:plot",
+        "record": "mecazen_tools.cli.recording:record",
+        "replay": "mecazen_tools.cli.recording:replay",
+        "info": "mecazen_tools.cli.recording:info",
+        "plot": "mecazen_tools.cli.recording:plot",
     },
     "viewer": {"view": "mecazen_viewer.cli:view"},
     "studies": {

@@ -10,7 +10,6 @@ from mecazen.keys import PARAMETERS
 from mecazen.messages import Parameter, Parameters
 from mecazen.robots import split_key
 from mecazen.wire import NS_PER_S
-
 from mecazen_recorder.reader import Recording
 
 GAP = 1.5

@@ -22,15 +22,16 @@ from mecazen.keys import CLOCK, TOPICS
 from mecazen.robots import join_key
 from mecazen.text import printable
 from mecazen.wire import NS_PER_S
-from mecazen_tools.cli.options import tool_bus
-from mecazen_tools.strays import OPEN, mistake
 from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from mecazen_tools import drawing
+from mecazen_tools.cli.options import tool_bus
+from mecazen_tools.strays import OPEN, mistake
+
 if TYPE_CHECKING:
     from mecazen.bus.zenoh_bus import ZenohBus
-
     from mecazen_recorder.reader import Recording
 
 SENSED = {topic.key for topic in TOPICS if topic.sensed}
@@ -73,7 +74,6 @@ def record(
     """
     from mecazen.config import RecorderConfig
     from mecazen.schema import OutputFile
-
     from mecazen_recorder import rerun
     from mecazen_recorder.recorder import record_until_stopped
 
@@ -153,7 +153,6 @@ def replay(
     mecazen replay convoy.mcap --through follower --robot two
     """
     from mecazen.urdf import serve_description
-
     from mecazen_recorder.reader import Recording
     from mecazen_recorder.replay import publish
 
@@ -221,8 +220,9 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
 ) -> None:
     """Show the contents of a recording: runs, keys, counts, rates and gaps."""
-    from mecazen_recorder.info import inspect
     from mecazen_recorder.reader import Recording
+
+    from mecazen_tools.recording_info import inspect
 
     recording = Recording(file)
     found = inspect(recording)
@@ -269,14 +269,12 @@ def plot(
 
     Examples: mecazen plot run.mcap · mecazen plot run.mcap -o run.pdf
     """
-    from mecazen_tools import drawing
-
     from mecazen_recorder.reader import Recording
 
     recording = Recording(file)
     target = file.with_suffix(".png") if output is None else output
     drawing.refuse_undrawable(target, "-o")
-    from mecazen_recorder.plot import figure  # after the check that Matplotlib is installed
+    from mecazen_tools.recorded_figure import figure  # after the check that Matplotlib is installed
 
     drawn = figure(recording, run)
     _tell_of_damage(recording)

@@ -10,10 +10,10 @@ from mecazen.errors import ConfigError
 from mecazen.messages import Message, Odometry, Twist
 from mecazen.robots import join_key, split_key
 from mecazen.wire import NS_PER_S
-from mecazen_tools.run_figure import Course, draw
-
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
+
+from mecazen_tools.run_figure import Course, draw
 
 Rows = dict[str, list[tuple[float, ...]]]
 """The drawn data of a run, by key, which includes the robot's name."""
