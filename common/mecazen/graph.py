@@ -93,7 +93,7 @@ def rows(features: Set[str]) -> tuple[Row, ...]:
         Row(
             "crowd",
             "other people, and where everybody is",
-            program="mecazen_crowd.node:CrowdNode",
+            program="mecazen_target.crowd:CrowdNode",
             inputs=(
                 every(keys.CLOCK),
                 every(keys.GROUND_TRUTH),

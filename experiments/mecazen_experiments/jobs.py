@@ -33,7 +33,7 @@ from mecazen_experiments.config import Case, Experiment, Settings, Sweep
 
 PACKAGES = (
     *("mecazen", "mecazen_people", "mecazen_tools", "mecazen_experiments"),
-    *("mecazen_physics", "mecazen_controller", "mecazen_target", "mecazen_crowd"),
+    *("mecazen_physics", "mecazen_controller", "mecazen_target"),
     *("mecazen_sensors", "mecazen_follower", "mecazen_guard"),
 )
 """The packages whose code and data a result depends on."""

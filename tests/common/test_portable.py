@@ -12,7 +12,7 @@ from mecazen.portable import arctan2, exp, inverse, legendre, product, tan
 ROOT = Path(__file__).parents[2]
 COMPUTES_TRAJECTORIES = (
     *("common", "people", "gym", "services/physics", "services/controller", "services/target"),
-    *("services/crowd", "services/sensors", "services/guard", "services/follower"),
+    *("services/sensors", "services/guard", "services/follower"),
 )
 BY_THE_PROCESSOR = re.compile(
     r"np\.(dot|vdot|inner|matmul|tensordot|polyfit|convolve|correlate|cov|corrcoef|roots"

@@ -32,10 +32,9 @@ BUILT = (
     "viewer",
     "recorder",
     "sensors",
-    "crowd",
     "guard",
 )
-"""Services of docker-compose.yml, one for each image."""
+"""Services of docker-compose.yml, one for each image; `crowd` runs in that of `target`."""
 
 
 class Follower:

@@ -1,1 +1,1 @@
-"""The walking person, and the robot's sensor that observes them."""
+"""All people: the followed person, the robot's sensor that observes them, and the crowd."""

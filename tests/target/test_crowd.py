@@ -13,7 +13,7 @@ from mecazen.keys import of_robot
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Clock, Point, Skeleton, Time, planar_odometry
 from mecazen.skeleton import JOINTS
-from mecazen_crowd.node import CrowdNode
+from mecazen_target.crowd import CrowdNode
 
 WALKERS = (
     "crowd.walkers=[{ path = { kind = 'goal', x_m = 3.0, goal_m = [0.0, 3.0] }, "
