@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from itertools import product
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 from mecazen.config import PhysicsConfig
@@ -16,7 +16,6 @@ from mecazen.config.services import MAX_DT_S
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 from mecazen.wheels import WheelCommand
-from mecazen_physics.rollers import lateral_gain, yaw_gain
 from mecazen_physics.simulation import Simulation
 
 from mecazen_bench import gazebo_peer
@@ -25,10 +24,12 @@ from mecazen_bench.engine import (
     Accuracy,
     Engine,
     Sample,
+    lateral_gain,
     measure_accuracy,
     measure_slide,
     measure_speed,
     slippery,
+    yaw_gain,
 )
 from mecazen_bench.harness import Figure, Goal, Group
 from mecazen_bench.stack import robot
@@ -39,8 +40,6 @@ PEERS_STEP_S = 0.001
 """Step of other engines: Gazebo's default."""
 PEER = "MuJoCo, capsule"
 BLOCKS = 5
-ROLLERS: tuple[Literal["near", "all"], ...] = ("near", "all")
-"""Options for the rollers that are bodies."""
 
 CONVERGENCE_S = (0.0005, 0.001, 0.002, 0.0025, 0.005)
 SPHERES = (11, 21, 41, 81, 101)
@@ -54,14 +53,9 @@ LATERAL: Goal = (0.965, 1.035)
 class DartEngine(Engine):
     """Our physics, with or without the projection of positions; raises as `Simulation`."""
 
-    def __init__(
-        self, robot: Robot, dt_s: float, rollers: Literal["near", "all"], *, projects: bool = True
-    ) -> None:
-        name = f"mecazen, {rollers} rollers" + ("" if projects else ", not projected")
-        super().__init__(name, robot, dt_s)
-        self._simulation = Simulation(
-            [(robot, Pose2D())], PhysicsConfig(dt_s=dt_s, rollers=rollers)
-        )
+    def __init__(self, robot: Robot, dt_s: float, *, projects: bool = True) -> None:
+        super().__init__("mecazen" if projects else "mecazen, not projected", robot, dt_s)
+        self._simulation = Simulation([(robot, Pose2D())], PhysicsConfig(dt_s=dt_s))
         if not projects:
             self._simulation.robots[0].body.stand = lambda: None  # type: ignore[method-assign]
         self._in_dart_ns = self._steps = 0
@@ -90,7 +84,7 @@ class DartEngine(Engine):
 
 def run() -> list[Group]:
     """Measure our physics for each robot at each step."""
-    cases = product(map(robot, ROBOTS), STEPS_S, ROLLERS)
+    cases = product(map(robot, ROBOTS), STEPS_S)
     return [measure("Physics", [DartEngine(*case) for case in cases])]
 
 
@@ -115,11 +109,11 @@ def run_peers() -> list[Group]:
 def run_steps() -> list[Group]:
     """Measure nexus at several steps, and with several hulls at 1 ms."""
     nexus = robot("nexus")
-    steps = [DartEngine(nexus, dt_s, "near") for dt_s in CONVERGENCE_S]
+    steps = [DartEngine(nexus, dt_s) for dt_s in CONVERGENCE_S]
     hulls = []
     for spheres in SPHERES:
         rollers = msgspec.structs.replace(nexus.rollers, hull_spheres=spheres)
-        engine = DartEngine(msgspec.structs.replace(nexus, rollers=rollers), 0.001, "near")
+        engine = DartEngine(msgspec.structs.replace(nexus, rollers=rollers), 0.001)
         engine.name = f"{spheres} spheres"
         hulls.append(engine)
     return [
@@ -139,8 +133,8 @@ def peers(robots: Sequence[Robot]) -> Iterator[tuple[list[Engine], list[str]]]:
     engines: list[Engine] = []
     with ExitStack() as stack:
         for mecanum in robots:
-            engines += [DartEngine(mecanum, dt_s, r) for dt_s, r in product(STEPS_S, ROLLERS)]
-            engines += [DartEngine(mecanum, dt_s, "near", projects=False) for dt_s in STEPS_S]
+            for projects in (True, False):
+                engines += [DartEngine(mecanum, dt_s, projects=projects) for dt_s in STEPS_S]
             if mujoco:
                 from mecazen_bench.mujoco_peer import OPTIONS, MujocoEngine  # noqa: PLC0415
 

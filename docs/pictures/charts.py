@@ -40,7 +40,7 @@ MISS = 0.2
 BEST: dict[str, Any] = {"color": GREEN, "linewidth": 0.9, "zorder": 4.0}
 ARROW_EVERY_S, ARROW_M = 6.0, (0.7, 0.09)
 ENGINES = {"mecazen": BLUE, "MuJoCo": ORANGE, "Gazebo": GREY}
-PEERS = re.compile(r"nexus (\d) ms (\w+), (near rollers|all rollers|capsule|mesh)(?:, (.+))?")
+PEERS = re.compile(r"nexus (\d) ms (\w+)(?:, (capsule|mesh))?(?:, (.+))?")
 GAINS = "forward", "lateral / predicted", "yaw / predicted"
 MARKERS = {None: "o", "not projected": "D", "elliptic": "^", "elliptic, noslip": "v"}
 SIZES = {"1": 3.5, "5": 6.5}
@@ -151,7 +151,7 @@ def engines(file: Path) -> None:
             step, engine, shape, settings = match.groups()
             values = {key: cell["value"] for key, cell in row.items()}
             error = 100.0 * max(abs(values[gain] - 1.0) for gain in GAINS)
-            filled = shape in ("near rollers", "capsule")
+            filled = shape != "mesh"
             look: dict[str, Any] = {"color": ENGINES[engine], "linestyle": "none"}
             look |= {"marker": MARKERS[settings], "markersize": SIZES[step]}
             look |= {} if filled else {"markerfacecolor": "white"}
@@ -159,7 +159,7 @@ def engines(file: Path) -> None:
             gains.plot(cost, error, **look)
             energy.plot(cost, abs(values["energy %/s"]), **look)
             if settings is None and step == "1":
-                labels[f"{engine}, {shape}"] = look
+                labels[f"{engine}, {shape}" if shape else engine] = look
         gains.set_title("largest error of a gain [%]")
         energy.set_title("energy lost in 1 s of coasting [%]")
         for axes in (gains, energy):

@@ -47,7 +47,7 @@ def test_an_ideal_robot_has_gains_of_one_and_loses_what_slows_it(slowing):
 
 
 def test_with_locked_wheels_our_robot_slows_down_as_coulomb_says_at_every_yaw():
-    engine = physics.DartEngine(slippery(robot("nexus")), STEP_S, "near")
+    engine = physics.DartEngine(slippery(robot("nexus")), STEP_S)
     slides = measure_slide(engine)
     assert list(slides) == [0.0, 22.5, 45.0]
     # where left and right wheels stand on rollers at other angles, it is pushed aside a little

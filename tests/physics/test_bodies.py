@@ -48,20 +48,18 @@ def wheel_loads(rig: Rig) -> list[float]:
     return loads
 
 
-@pytest.mark.parametrize("rollers", ["near", "all"])
-def test_the_centre_of_mass_is_that_of_a_calculation_by_hand(robot, rollers):
+def test_the_centre_of_mass_is_that_of_a_calculation_by_hand(robot):
     robot = loaded(robot, 8.0, 0.06, -0.05, 0.30)
     mass, centre = centre_of_mass(robot)
-    skeleton = Rig(robot, rollers=rollers).body.skeleton
+    skeleton = Rig(robot).body.skeleton
     assert skeleton.getMass() == pytest.approx(mass, rel=1e-6)  # the swinging axle has 1 µg
     assert skeleton.getCOM() == pytest.approx(centre, abs=1e-6)
 
 
-@pytest.mark.parametrize("rollers", ["near", "all"])
-def test_each_wheel_carries_its_share_of_the_load(robot, rollers):
+def test_each_wheel_carries_its_share_of_the_load(robot):
     robot = loaded(robot, 8.0, 0.06, -0.03, 0.30)
     mass, (x, y, _) = centre_of_mass(robot)
-    rig = Rig(robot, rollers=rollers)
+    rig = Rig(robot)
     rig.advance(HELD, 500)
     # the front axle swings about its middle: the rear wheels alone hold what is aside
     weight = mass * GRAVITY

@@ -23,7 +23,6 @@ def test_obstacles_are_told_apart_by_their_kind():
         (PhysicsConfig, {"dt_s": 0.1}, "dt_s"),
         (PhysicsConfig, {"dt_s": "fast"}, "dt_s"),
         (PhysicsConfig, {"drive": "position"}, "drive"),
-        (PhysicsConfig, {"rollers": "some"}, "rollers"),
         (WorldConfig, {"ground_friction": -1.0}, "ground_friction"),
         (WorldConfig, {"slope_deg": 60.0}, "slope_deg"),
         (PhysicsConfig, {"watchdog_s": 1e-4}, "watchdog_s"),

@@ -58,7 +58,7 @@ def test_a_robots_footprint_holds_every_roller(robot, angle_deg):
     robot = replace(robot, rollers=replace(robot.rollers, angle_deg=angle_deg))
     length, width = robot.footprint
     centres, radii = Roller.from_robot(robot).spheres(41)
-    skeleton = Rig(robot, rollers="all").body.skeleton
+    skeleton = Rig(robot).body.skeleton
     for body in skeleton.getBodyNodes()[-len(WHEELS) * robot.rollers.count :]:
         pose = body.getWorldTransform()
         x, y, _ = pose.translation()[:, None] + np.outer(pose.rotation()[:, 2], centres)

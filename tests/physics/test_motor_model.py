@@ -55,15 +55,6 @@ def test_the_dead_band_gain_and_supply_scale_what_is_left():
     assert outputs(motors, 1, (-2.5,) * 4, supplied=0.9) == pytest.approx([-1.98])
 
 
-def test_bounds_hold_all_outputs_until_the_next_command():
-    model = MotorModel(RealMotors(delay_s=0.02, time_constant_s=0.05), DT)
-    for speed in (5.0, -3.0, 2.0):
-        model.give((speed,) * 4)
-        (low, high), *_ = model.bounds()
-        for _ in range(4):
-            assert low <= model.step(1.0)[0] <= high
-
-
 def test_friction_opposes_motion_and_vanishes_at_rest():
     motors = RealMotors(coulomb_nm=0.1, viscous_nms=0.01)
     assert friction(motors, 0.0) == 0.0

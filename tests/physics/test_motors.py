@@ -10,16 +10,15 @@ import pytest
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.links import robot_links
 from mecazen.rollers import Roller
+from mecazen_bench.engine import lateral_gain
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.rollers import lateral_gain
 from physics_rig import Rig, masses, wheel_speeds
 
 FORWARD, LEFT = Twist2D(x=0.3), Twist2D(y=0.3)
 
 
-@pytest.mark.parametrize("rollers", ["near", "all"])
-def test_wheel_torque_accelerates_the_mass_and_the_turning_wheels(robot, rollers):
-    rig = Rig(robot, rollers=rollers)
+def test_wheel_torque_accelerates_the_mass_and_the_turning_wheels(robot):
+    rig = Rig(robot)
     torque = 0.05
     rig.advance_effort([torque] * 4, 1000)
     mass, turning = masses(robot)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 from mecazen.robot import Robot
 from mecazen.rollers import Roller, binary_stl
-from mecazen_physics.rollers import lateral_gain, yaw_gain
+from mecazen_bench.engine import lateral_gain, yaw_gain
 
 Array = npt.NDArray[np.float64]
 

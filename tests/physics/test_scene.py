@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 
-import dartpy as dart
 import msgspec
 import pytest
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
+from mecazen_bench.engine import yaw_gain
 from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.errors import UnsupportedError
-from mecazen_physics.rollers import yaw_gain
 from physics_rig import Rig, wheel_speeds
 
 MU = 0.2
@@ -39,10 +37,9 @@ def slide(rig: Rig, heading: float, speed: float, seconds: float) -> tuple[float
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 10.0, 22.5, 45.0, 67.5])
-@pytest.mark.parametrize("rollers", ["near", "all"])
-def test_locked_wheels_slow_down_alike_at_every_yaw(robot, yaw_deg, rollers):
+def test_locked_wheels_slow_down_alike_at_every_yaw(robot, yaw_deg):
     yaw = math.radians(yaw_deg)
-    rig = Rig(without_bearing_friction(robot), Pose2D(yaw=yaw), ground_friction=MU, rollers=rollers)
+    rig = Rig(without_bearing_friction(robot), Pose2D(yaw=yaw), ground_friction=MU)
     slower, aside = slide(rig, yaw, 1.5, 0.3)
     # each wheel brakes with μN along its roller's axis, at γ to the axle
     assert slower == pytest.approx(MU * GRAVITY * math.sin(robot.roller_angle), rel=0.01)
@@ -105,12 +102,3 @@ def test_on_ice_it_turns_on_the_spot_as_its_inner_contacts_ask(nexus):
     # 1 %: where the pairs change over, both slip for longer than with more grip
     gain = (states[-1].yaw - states[0].yaw) / 1.99
     assert gain == pytest.approx(yaw_gain(nexus), rel=0.01)
-
-
-@pytest.mark.parametrize("detector", ["DART", "FCL", "ODE"])
-def test_a_detector_that_takes_the_rollers_for_something_else_is_refused(
-    nexus, monkeypatch, detector
-):
-    monkeypatch.setattr(dart.simulation, "BULLET", getattr(dart.simulation, detector))
-    with pytest.raises(UnsupportedError, match="does not simulate the rollers' shape"):
-        Rig(nexus)

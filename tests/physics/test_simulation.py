@@ -12,14 +12,12 @@ from mecazen.config.world import Cylinder
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen.wheels import WheelCommand
-from mecazen_physics import model
 from mecazen_physics.errors import UnsupportedError
-from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
 from msgspec.structs import replace
-from physics_rig import STEPS, Rig, simulation_of
+from physics_rig import STEPS, Rig, masses, simulation_of
 
 FORWARD = WheelCommand([6.0] * 4)  # 0.3 m/s of nexus
 BACKWARD = WheelCommand([-6.0] * 4)
@@ -72,13 +70,12 @@ def speeds(states: list[list[RobotState]]) -> list[float]:
     return [late.position[0] - early.position[0] for early, late in pairs]
 
 
-@pytest.mark.parametrize("rollers", ["near", "all"])
-def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus, rollers):
+def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus):
     starts = [Pose2D(), Pose2D(0.0, 1.0, 1.0), Pose2D(5.0, -3.0, -2.0)]
     commands = [FORWARD, WheelCommand([6.0, -6.0, -6.0, 6.0]), WheelCommand([-3.0, 5.0, -4.0, 9.0])]
-    together = drive(world_with(nexus, *starts, rollers=rollers), 150, *commands)
+    together = drive(world_with(nexus, *starts), 150, *commands)
     for number, (start, command) in enumerate(zip(starts, commands, strict=True)):
-        by_itself = drive(world_with(nexus, start, rollers=rollers), 150, command)
+        by_itself = drive(world_with(nexus, start), 150, command)
         assert [states[number] for states in together] == [states[0] for states in by_itself]
 
 
@@ -173,7 +170,7 @@ def test_a_pusher_accelerates_both_with_what_its_motors_give(nexus):
     commands = [WheelCommand([torque] * 4, is_effort=True) for torque in (push, -brake)]
     for _ in range(50):
         world.advance(commands, STEPS)
-    mass = 4 * model.driven_inertia(nexus) / nexus.wheels.radius_m**2
+    mass = sum(masses(nexus))
     force = 4 * (push - brake) / nexus.wheels.radius_m
     expected = 0.5 * force / (2 * mass)
     assert [along_x(robot.state) for robot in world.robots] == pytest.approx(
@@ -196,7 +193,6 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
     first, second = world.robots
 
     def isolated() -> bool:
-        assert all(isinstance(robot.body, NearRollersBody) for robot in world.robots)
         return first.body.scene is not second.body.scene
 
     drive(world, 10, STAND, STAND)

@@ -54,7 +54,7 @@ def write(robot, folder):
 def test_an_independent_reader_finds_the_bodies_of_the_world(robot, tmp_path):
     file = write(robot, tmp_path)
     read = dart.utils.DartLoader().parseSkeleton(str(file))
-    rig = Rig(robot, rollers="all")
+    rig = Rig(robot)
     ours = rig.body.skeleton
     angles = dict(zip(rig.joint_names, np.linspace(-3.0, 3.0, len(rig.joint_names)), strict=True))
     for skeleton in (read, ours):

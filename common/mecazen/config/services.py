@@ -74,10 +74,6 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
 
     dt_s: Annotated[float, msgspec.Meta(ge=1e-5, le=MAX_DT_S)] = MAX_DT_S
     """Length of a physics step; a control period is a whole number of steps."""
-    rollers: Literal["near", "all"] = "near"
-    """Which rollers are bodies. "near": those near the ground, while the robot is upright and on a
-    plane. "all": always all rollers. Both simulate the same robot; "all" is the reference, at about
-    0.7 of the speed of physics with steps of 5 ms, and half of it with steps of 1 ms."""
     drive: Literal["velocity", "effort"] = "velocity"
     """A commanded wheel speed is held by an ideal servo within the motor's torque
     ("velocity") or by a PID controller in the physics loop ("effort")."""

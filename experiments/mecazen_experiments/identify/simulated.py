@@ -67,7 +67,7 @@ def identified_robot(
     """Return the robot file with the identified radius, lever and number of rollers.
 
     Wheelbase and track are scaled by the same factor. Since contacts move along the axles, a robot
-    turns by another angle than the ideal kinematics of its file (`yaw_gain`). So the scale is
+    turns by another angle than the ideal kinematics of its file. So the scale is
     chosen such that the simulation of a run turns as far as the identified kinematics.
 
     Raises:

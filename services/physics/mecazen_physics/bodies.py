@@ -11,11 +11,10 @@ import numpy as np
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder, Patch, PersonConfig
 from mecazen.geometry import Pose2D
-from mecazen.links import base_link, lump
+from mecazen.links import base_link, lump, robot_links
 from mecazen.robot import WHEELS, Robot
 from mecazen.rollers import Roller
 
-from mecazen_physics import model
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.people import LEGS
 
@@ -129,21 +128,18 @@ def build_planes(count: int, friction: float) -> tuple[Any, list[Any]]:
     return skeleton, planes
 
 
-def build_robot(
-    tree: model.Tree, robot: Robot, start: Pose2D, world: WorldConfig
-) -> tuple[Any, list[Any]]:
-    """Return the skeleton of the robot's `tree` and the joints of its wheels and rollers.
+def build_robot(robot: Robot, start: Pose2D, world: WorldConfig) -> tuple[Any, list[Any]]:
+    """Return the skeleton of the robot and the joints of its wheels and rollers.
 
     Camera, lidar and payload are shapes and mass of the base: a separate body for each would cost 5
-    % of the speed. If rollers are lumped with their wheels, only the remaining rollers can touch
-    anything.
+    % of the speed.
 
     The front wheels are on an axle that swings about its middle, as in platforms of this
     kind. If the robot were rigid, two diagonally opposite wheels would carry the whole weight.
     The rollers of these two wheels are parallel, so the robot would glide across them with all
     wheels at rest.
     """
-    links, lumped = tree
+    links = robot_links(robot)
     skeleton = dart.dynamics.Skeleton("robot")
     root, base = skeleton.createFreeJointAndBodyNodePair()
     base.setName("base_link")
@@ -151,8 +147,7 @@ def build_robot(
     trunk = [base_link(robot), *(link for link in links if link.axis is None)]
     base.setInertia(dart.dynamics.Inertia(*lump(trunk)))
     friction = highest_friction(robot, world)
-    if not lumped:
-        _collide_base(base, robot, friction)
+    _collide_base(base, robot, friction)
     barrel = _barrel(robot)
     hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
     axle = _add_axle(base, hinge)
@@ -171,8 +166,6 @@ def build_robot(
         body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
         bodies[link.name] = body
         joints.append(joint)
-    for wheel, parts in zip(joints[: len(WHEELS)], lumped, strict=False):
-        wheel.getChildBodyNode().setInertia(dart.dynamics.Inertia(*lump(parts)))
     limit = robot.wheels.max_torque_nm
     for wheel in joints[: len(WHEELS)]:
         wheel.setForceUpperLimit(0, limit)
@@ -216,16 +209,13 @@ def _barrel(robot: Robot) -> Any:
     )
 
 
-def add_rims(skeleton: Any, wheels: Sequence[Any], robot: Robot, world: WorldConfig) -> None:
-    """Add the shapes that others touch: the base, if it has no shape, and rims of the wheels.
+def add_rims(wheels: Sequence[Any], robot: Robot) -> None:
+    """Add the rims of the wheels, which others touch.
 
     A rim is the cylinder round all rollers of a wheel. A rim has no friction: a roller gives way
     across its axis, so two touching rollers transmit a force along the surface only if their axes
     are parallel.
     """
-    base = skeleton.getBodyNode(0)
-    if not base.getShapeNodes():
-        _collide_base(base, robot, highest_friction(robot, world))
     centres, radii = Roller.from_robot(robot).spheres(robot.rollers.hull_spheres)
     rollers = 2.0 * float(np.max(centres * math.cos(robot.roller_angle) + radii))
     width = max(robot.wheels.hub_width_m, rollers)

@@ -1,38 +1,25 @@
-"""The robot's body in DART: the base class of both models, and the model with all rollers."""
+"""The robot's body in DART: base, front axle, wheels, and every roller on its joint."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Literal
 
 import dartpy as dart
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
-from mecazen.links import robot_links
 from mecazen.robot import WHEELS, Robot
 
 from mecazen_physics import bodies
-from mecazen_physics.model import Tree
 from mecazen_physics.scene import Layers, Scene
 from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion
 
-Drive = Literal["speed", "servo", "torque"]
-"""Quantity that the motors control: a speed with unlimited torque, a speed with limited torque, or
-a torque.
-
-A speed with unlimited torque is part of DART's forward dynamics. A servo adds four constraints,
-which take a tenth of a tick's computing time, and gives the same result while its torque stays
-below the limit.
-"""
-_ACTUATORS = {
-    "speed": dart.dynamics.VELOCITY,
-    "servo": dart.dynamics.SERVO,
-    "torque": dart.dynamics.FORCE,
-}
+Drive = Literal["servo", "torque"]
+"""Quantity that the motors control: a speed within their torque limit, or a torque."""
+_ACTUATORS = {"servo": dart.dynamics.SERVO, "torque": dart.dynamics.FORCE}
 MAX_TILT_RAD = 0.05
-"""Maximum tilt; beyond it, any roller may touch the ground [rad]."""
+"""Maximum tilt of a robot whose wheels stand on the ground [rad]."""
 LIFT_M_S = 0.02
 """A wheel that rises faster is leaving the ground [m/s]."""
 DEEPEST_M = 1e-3
@@ -42,8 +29,8 @@ ALIGNED_RAD = math.radians(2.0)
 value."""
 
 
-class RobotBody(ABC):
-    """A robot in a scene: the base class of the two models of its rollers."""
+class RobotBody:
+    """A robot in a scene."""
 
     def __init__(
         self,
@@ -54,10 +41,10 @@ class RobotBody(ABC):
         world: WorldConfig,
     ) -> None:
         self.scene = scene
-        self._robot, self._world = robot, world
+        self._robot = robot
         self._half_wheelbase, self._half_track = robot.half_wheelbase, robot.half_track
         self._dt = physics.dt_s
-        self.skeleton, joints = bodies.build_robot(self.tree(robot), robot, start, world)
+        self.skeleton, joints = bodies.build_robot(robot, start, world)
         self.wheels = joints[: len(WHEELS)]
         """The joints that motors drive."""
         children = [joint.getChildBodyNode() for joint in joints]
@@ -69,28 +56,17 @@ class RobotBody(ABC):
         self.is_projected = False
         """Whether the last call of `stand` has put all wheels on the ground plane."""
         scene.add(self.skeleton, self._layers)
-        scene.check_detector(self.skeleton)
 
-    @staticmethod
-    @abstractmethod
-    def tree(robot: Robot) -> Tree:
-        """Return the links that are DART bodies, and the lumped links."""
-
-    @abstractmethod
-    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
-        """Prepare the next steps; return their number, at most `steps`, until the next call."""
-
-    @abstractmethod
-    def settle(self, steps: int) -> None:
-        """Update the rest of the state from DART after `steps` simulated steps."""
-
-    @abstractmethod
     def read(self) -> Motion:
-        """Return the present motion, including all rollers."""
+        """Return the present motion."""
+        position, velocity = self.skeleton.getPositions(), self.skeleton.getVelocities()
+        return Motion(position.tolist(), velocity.tolist(), self.scene.heading)
 
-    @abstractmethod
     def write(self, motion: Motion) -> None:
         """Set the robot's motion; the scene's axes do not change."""
+        motion = motion.in_axes_at(self.scene.heading)
+        self.skeleton.setPositions(motion.position)
+        self.skeleton.setVelocities(motion.velocity)
 
     def align(self, yaw: float, yaw_rate: float, *, alone: bool) -> None:
         """Turn the scene's axes to the rollers' if the robot is alone, else to the world's."""
@@ -101,15 +77,11 @@ class RobotBody(ABC):
             ahead = math.copysign(0.5 * ALIGNED_RAD, yaw_rate) if yaw_rate else 0.0
             heading = math.remainder(yaw - math.pi / 4.0 + ahead, math.tau)
         if heading != self.scene.heading:
-            motion = self.read()
+            motion = self.read().in_axes_at(heading)
             self.scene.turn(heading)
-            self._turn(motion.in_axes_at(heading))
-
-    def _turn(self, motion: Motion) -> None:
-        """Set a motion that differs from the present one only by its axes."""
-        root = self.skeleton.getRootJoint()
-        root.setPositions(motion.position[:ROOT_DOFS])
-        root.setVelocities(motion.velocity[:ROOT_DOFS])
+            root = self.skeleton.getRootJoint()
+            root.setPositions(motion.position[:ROOT_DOFS])
+            root.setVelocities(motion.velocity[:ROOT_DOFS])
 
     def stand(self) -> None:
         """Project the positions so that all wheels stand on the ground plane.
@@ -148,13 +120,13 @@ class RobotBody(ABC):
             self.skeleton.setPositions(position)
 
     def add_rims(self) -> None:
-        """Add the shapes that other robots touch: the base, and rims of the wheels.
+        """Add the rims of the wheels, which obstacles, people and other robots touch.
 
-        A robot that never meets another has no such shapes: they would take time, and change the
-        order in which DART finds contacts.
+        A robot that never meets another has no rims: they would take time, and change the order in
+        which DART finds contacts.
         """
         if not self._hubs[0].getShapeNodes():
-            bodies.add_rims(self.skeleton, self._hubs, self._robot, self._world)
+            bodies.add_rims(self._hubs, self._robot)
             self.scene.renew_detector()
 
     def set_friction(self, coefficients: Sequence[float]) -> None:
@@ -185,36 +157,7 @@ class RobotBody(ABC):
 
     def torques(self) -> list[float]:
         """Return the torques of the wheels' motors in the last step [N·m]."""
-        if self.drive == "speed":
-            return [float(hub.getBodyForce()[1]) for hub in self._hubs]
         if self.drive == "servo":
             # DART's servo is a velocity constraint; its torque is that constraint's impulse.
             return [wheel.getConstraintImpulse(0) / self._dt for wheel in self.wheels]
         return [wheel.getCommand(0) for wheel in self.wheels]
-
-
-class AllRollersBody(RobotBody):
-    """A robot whose rollers are all DART bodies."""
-
-    @staticmethod
-    def tree(robot: Robot) -> Tree:
-        """Return all links."""
-        return robot_links(robot), []
-
-    def prepare(self, speeds: Sequence[tuple[float, float]], steps: int) -> int:
-        """Return `steps`: any number can be simulated at once."""
-        return steps
-
-    def settle(self, steps: int) -> None:
-        """Do nothing: DART simulates the whole motion."""
-
-    def read(self) -> Motion:
-        """See `RobotBody`."""
-        position, velocity = self.skeleton.getPositions(), self.skeleton.getVelocities()
-        return Motion(position.tolist(), velocity.tolist(), self.scene.heading)
-
-    def write(self, motion: Motion) -> None:
-        """See `RobotBody`."""
-        motion = motion.in_axes_at(self.scene.heading)
-        self.skeleton.setPositions(motion.position)
-        self.skeleton.setVelocities(motion.velocity)

@@ -39,12 +39,6 @@ class MotorModel:
             self._newest = values
             self._commands.append((self._steps * self._dt + self._motors.delay_s, values))
 
-    def bounds(self) -> list[tuple[float, float]]:
-        """Return the lowest and highest output of each wheel until the next command [rad/s]."""
-        coming = [self._shaped(v, 1.0) for v in (self._in_force, *(v for _, v in self._commands))]
-        each = zip(self._output, *coming, strict=True)
-        return [(min(0.0, *values), max(0.0, *values)) for values in each]
-
     def step(self, supplied: float) -> Speeds:
         """Return the output at the end of the next step: speeds [rad/s], or torques [N·m].
 

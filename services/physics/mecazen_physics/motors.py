@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from operator import sub
 from typing import Any
 
 from mecazen.config import PhysicsConfig
 from mecazen.config.services import Pid
-from mecazen.links import robot_links
 from mecazen.robot import WHEELS, RealMotors, Robot
 from mecazen.wheels import WheelCommand
 from msgspec.structs import replace
 
-from mecazen_physics import model
 from mecazen_physics.body import RobotBody
 from mecazen_physics.motor_model import MotorModel, friction, supply
 from mecazen_physics.state import RobotState
-
-TORQUE_HEADROOM = 0.8
-"""Motors that need less than this share of their maximum torque are simulated without the limit."""
 
 Push = Callable[[], object]
 """Sets the wheels' commands before a step."""
@@ -61,12 +54,8 @@ class Motors:
     """
 
     def __init__(self, robot: Robot, physics: PhysicsConfig) -> None:
-        self._dt = physics.dt_s
         self._max_torque = robot.wheels.max_torque_nm
         self._max_speed = robot.wheels.max_speed_rad_s
-        self._hub_inertia = robot_links(robot)[0].moments[1]
-        self._torque_per_change = model.driven_inertia(robot) / physics.dt_s
-        """Torque [N·m] for each rad/s by which a wheel's speed changes in one step."""
         self._pids: list[WheelPid] = []
         real = robot.motors if physics.motors == "robot" else None
         self._real = real
@@ -77,71 +66,36 @@ class Motors:
         if physics.drive == "effort":
             self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
 
-    def apply(
-        self,
-        command: WheelCommand,
-        body: RobotBody,
-        state: RobotState,
-        steps: int,
-        *,
-        strict: bool,
-    ) -> tuple[list[tuple[float, float]], Push | None]:
-        """Send a command to the motors of `body` for the next `steps` steps.
-
-        If not `strict`, motors with headroom are simulated without their torque limit.
+    def apply(self, command: WheelCommand, body: RobotBody, state: RobotState) -> Push | None:
+        """Send a command to the motors of `body`.
 
         Returns:
-            The lowest and the highest speed of each wheel in these steps [rad/s], and a function to
-            call before each step, if needed.
+            A function to call before each step, if needed.
         """
-        speeds = state.joint_velocity[: len(WHEELS)]
         if self._real is not None:
-            return self._apply_real(self._real, command, body, state, steps)
+            return self._apply_real(self._real, command, body, state)
         if command.is_effort:
-            gain = steps * self._dt / self._hub_inertia
-            changes = [gain * min(abs(torque), self._max_torque) for torque in command.values]
-            ranges = [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
             body.use("torque")
-            return ranges, partial(self._push, body.wheels, command.values)
+            return partial(self._push, body.wheels, command.values)
         limit = self._max_speed
         target = [min(max(speed, -limit), limit) for speed in command.values]
-        ranges = [(min(pair), max(pair)) for pair in zip(speeds, target, strict=True)]
         if self._pids:
             body.use("torque")
-            return ranges, partial(self._control, body.wheels, target)
-        rise = math.inf if strict else self._steps_within_headroom(target, state)
-        body.use("speed" if rise <= steps else "servo")
-        if 1.0 < rise <= steps:
-            ramp = _ramp(body.wheels, speeds, target, math.ceil(rise))
-            return ranges, partial(next, ramp, None)
+            return partial(self._control, body.wheels, target)
+        body.use("servo")
         for wheel, speed in zip(body.wheels, target, strict=True):
             wheel.setCommand(0, speed)
-        return ranges, None
+        return None
 
     def _apply_real(
-        self,
-        real: RealMotors,
-        command: WheelCommand,
-        body: RobotBody,
-        state: RobotState,
-        steps: int,
-    ) -> tuple[list[tuple[float, float]], Push]:
+        self, real: RealMotors, command: WheelCommand, body: RobotBody, state: RobotState
+    ) -> Push:
         """Send a command to real motors; see `apply`."""
-        supplied = supply(real.sag_per_nm, state)
-        speeds, wheels = state.joint_velocity[: len(WHEELS)], body.wheels
+        supplied, wheels = supply(real.sag_per_nm, state), body.wheels
         limit = self._max_torque if command.is_effort else self._max_speed
         motors = self._torques if command.is_effort else self._speeds
         assert motors is not None
         motors.give([min(max(value, -limit), limit) for value in command.values])
-        bounds = motors.bounds()
-        if command.is_effort:
-            gain = steps * self._dt / self._hub_inertia
-            changes = [gain * max(-low, high) for low, high in bounds]
-            ranges = [(s - change, s + change) for s, change in zip(speeds, changes, strict=True)]
-        else:
-            ranges = [
-                (min(s, low), max(s, high)) for s, (low, high) in zip(speeds, bounds, strict=True)
-            ]
         if not command.is_effort and not self._pids:
             body.use("servo")
 
@@ -149,7 +103,7 @@ class Motors:
                 for wheel, speed in zip(wheels, motors.step(supplied), strict=True):
                     wheel.setCommand(0, speed)
 
-            return ranges, follow
+            return follow
         body.use("torque")
 
         def push() -> None:
@@ -159,18 +113,7 @@ class Motors:
             else:
                 self._control(wheels, values)
 
-        return ranges, push
-
-    def _steps_within_headroom(self, target: Sequence[float], state: RobotState) -> float:
-        """Return the number of steps in which the headroom allows to reach `target` [rad/s]."""
-        if state.time == 0.0:
-            return math.inf  # the first torque is not known yet
-        efforts, speeds = state.joint_effort[: len(WHEELS)], state.joint_velocity
-        left = TORQUE_HEADROOM * self._max_torque - max(map(abs, efforts))
-        if left <= 0.0:
-            return math.inf
-        change: float = max(map(abs, map(sub, target, speeds)))
-        return self._torque_per_change * change / left
+        return push
 
     def _control(self, wheels: Sequence[Any], target: Sequence[float]) -> None:
         """Set the torques that bring the wheels to the speeds `target` [rad/s]."""
@@ -193,14 +136,3 @@ class Motors:
     def friction(self, speed: float) -> float:
         """Return the torque that friction of motor and gear takes at a wheel's speed [rad/s]."""
         return 0.0 if self._real is None else friction(self._real, speed)
-
-
-def _ramp(
-    wheels: Sequence[Any], speeds: Sequence[float], target: Sequence[float], steps: int
-) -> Iterator[None]:
-    """Bring wheels from `speeds` to `target` [rad/s] in `steps` equal steps, one at each `next`."""
-    for step in range(1, steps + 1):
-        part = step / steps
-        for wheel, begin, end in zip(wheels, speeds, target, strict=True):
-            wheel.setCommand(0, begin + part * (end - begin))
-        yield

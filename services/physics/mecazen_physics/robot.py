@@ -1,4 +1,4 @@
-"""A simulated robot: its motors, the model of its rollers, and its possible contacts."""
+"""A simulated robot: its body, its motors, and its possible contacts."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from mecazen.robot import WHEELS, Robot
 from mecazen.wheels import WheelCommand
 
 from mecazen_physics import bodies
-from mecazen_physics.body import MAX_TILT_RAD, AllRollersBody, RobotBody
+from mecazen_physics.body import MAX_TILT_RAD, RobotBody
 from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, Footprint, horizon_steps
 from mecazen_physics.motors import Motors, Push
-from mecazen_physics.near_rollers import NearRollersBody
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.ridges import RidgeContacts
 from mecazen_physics.scene import Scene
@@ -23,8 +22,6 @@ from mecazen_physics.state import BASE_DOFS, RobotState, check_converged
 
 NEARBY_M = 1.0
 """Distance after which nearby obstacles are searched again: a map may have hundreds [m]."""
-STANDING_RAD = 1e-3
-"""Maximum tilt of a base with four wheels on the ground [rad]."""
 PROJECTED_DOFS = 0, 1, 5, 6
 """Roll, pitch, height and front axle, which `RobotBody.stand` projects."""
 HYSTERESIS = 1.5
@@ -34,13 +31,9 @@ HYSTERESIS = 1.5
 class SimulatedRobot:
     """A robot at rest at `start`, its motors, and the people round it.
 
-    With `physics.rollers` = "near" the body has only the rollers near the ground while the robot is
-    upright and on a plane, and otherwise all rollers. The motion is transferred between the bodies.
-
     Raises:
-        UnsupportedError: if dartpy does not simulate the rollers' shape, an obstacle is so low that
-            the robot could drive onto it, a roller's bearing has too much friction for the step, or
-            a wheel has too many rollers for `NearRollersBody`.
+        UnsupportedError: if an obstacle is so low that the robot could drive onto it, or a roller's
+            bearing has too much friction for the step.
     """
 
     def __init__(
@@ -63,15 +56,7 @@ class SimulatedRobot:
         self._ridges = [Footprint.of_ridge(ridge) for ridge in world.ridges]
         self.home = Scene(robot, physics, world)
         """The scene of the robot while it is far from all other robots."""
-        self._build_all = partial(AllRollersBody, self.home, robot, start, physics, world)
-        self._on_plane: RobotBody
-        if physics.rollers == "near":
-            self._on_plane = NearRollersBody(self.home, robot, start, physics, world)
-        else:
-            self._on_plane = self._build_all()
-        """The body of an upright robot on a plane."""
-        self.body: RobotBody = self._on_plane
-        """The body that is simulated now."""
+        self.body = RobotBody(self.home, robot, start, physics, world)
         self._has_rims = False
         if solids:
             self._add_rims()
@@ -94,20 +79,11 @@ class SimulatedRobot:
         """The present state."""
 
     @cached_property
-    def _all(self) -> AllRollersBody:
-        """The body with all rollers, built on demand: many robots never need it."""
-        if isinstance(self._on_plane, AllRollersBody):
-            return self._on_plane
-        body = self._build_all()
-        body.leave()
-        return body
-
-    @cached_property
     def _ridge_contacts(self) -> RidgeContacts:
         """The planes that carry the robot over ramps and sills."""
         friction = bodies.ground_friction(self._robot, self._world)
-        hubs = [wheel.getChildBodyNode() for wheel in self._all.wheels]
-        return RidgeContacts(self._robot, self._world.ridges, hubs, self._all.rollers, friction)
+        hubs = [wheel.getChildBodyNode() for wheel in self.body.wheels]
+        return RidgeContacts(self._robot, self._world.ridges, hubs, self.body.rollers, friction)
 
     def footprint(self) -> Footprint:
         """Return the robot's present footprint."""
@@ -144,7 +120,7 @@ class SimulatedRobot:
             self.body.add_rims()
 
     def look_around(self) -> None:
-        """Find all that may touch the robot soon, and choose body and axes accordingly."""
+        """Find all that may touch the robot soon, and choose DART's axes accordingly."""
         lean = self.state.tilt if self._upright else HYSTERESIS * self.state.tilt
         self._upright = lean < MAX_TILT_RAD
         near_ridge = self.near_obstacle = False
@@ -167,18 +143,10 @@ class SimulatedRobot:
             )
         touchable = bool(self.close_people) or near_ridge or self.near_obstacle
         self.isolated = self._upright and self._alone and not touchable
-        scene = self.body.scene
-        body = self._all if near_ridge or not self._upright else self._on_plane
-        if body is not self.body:
-            # a body that is not simulated is in no scene: it would collide with others
-            body.enter(scene, self.body.leave())
-            if self._has_rims:
-                body.add_rims()
-            self.body = body
-        body.align(self.state.yaw, self.state.angular[2], alone=self.isolated)
-        self._carry(scene if near_ridge else None)
+        self.body.align(self.state.yaw, self.state.angular[2], alone=self.isolated)
+        self._carry(self.body.scene if near_ridge else None)
         if self._world.patches:
-            body.set_friction([self._friction_below(wheel) for wheel in WHEELS])
+            self.body.set_friction([self._friction_below(wheel) for wheel in WHEELS])
 
     def _find_nearby(self, footprint: Footprint) -> list[Footprint]:
         """Return the obstacles that the robot may touch within the next `NEARBY_M`."""
@@ -213,13 +181,11 @@ class SimulatedRobot:
         Returns:
             The number of steps until the next call, and functions to call before each step.
         """
-        steps = min(steps, self._horizon)
-        strict = not self.isolated or self.state.tilt > STANDING_RAD
-        speeds, push = self._motors.apply(command, self.body, self.state, steps, strict=strict)
+        push = self._motors.apply(command, self.body, self.state)
         pushes = [] if push is None else [push]
         if self._ridges_in is not None:
             pushes.append(partial(self._ridge_contacts.lay, self._ridges_in))
-        return self.body.prepare(speeds, steps), pushes
+        return min(steps, self._horizon), pushes
 
     @property
     def stands(self) -> bool:
@@ -233,7 +199,6 @@ class SimulatedRobot:
             DivergedError: if the state is not plausible for a robot on the ground; the last good
                 state remains.
         """
-        self.body.settle(steps)
         duration = steps * self._dt
         for number, person in self._people.items():
             self._people[number] = person.after(duration)

@@ -10,10 +10,9 @@ from typing import Any, Literal
 
 import dartpy as dart
 from mecazen.config import PhysicsConfig, WorldConfig
-from mecazen.robot import WHEELS, Robot
+from mecazen.robot import Robot
 
 from mecazen_physics import bodies
-from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.people import MovingPerson, place
 
 CONE_TOLERANCE = 1e-6
@@ -30,7 +29,6 @@ SLIP_SHARE = 0.8
 """Share of the friction cone from which on a contact may slip soon, so that the cone is solved."""
 UPRIGHT = 0.99
 """Minimum vertical component of the normal of a contact with the ground."""
-_PROBE_DEPTH = 1e-4
 
 Layer = Literal["ground", "obstacle", "person", "plane", "base", "wheel", "roller"]
 Layers = Mapping[Layer, Sequence[Any]]
@@ -188,31 +186,6 @@ class Scene:
         if not self._alignable:
             return None
         return math.remainder(yaw - math.pi / 4.0 - self.heading, math.pi / 2.0)
-
-    def check_detector(self, robot: Any) -> None:
-        """Check that the detector finds the contacts of the four lowest rollers in the ground.
-
-        The robot is pressed into the ground for the check. Without an error, the DART detector
-        finds no contact of such a shape, and FCL replaces the shape by a sphere.
-        """
-        detector = self.dart.getCollisionDetector()
-        group = detector.createCollisionGroup()
-        group.addShapeFramesOf(self._ground.getBodyNode(0))
-        group.addShapeFramesOf(robot)
-        result = dart.collision.CollisionResult()
-        root = robot.getRootJoint()
-        placed = root.getPositions()
-        root.setPositions(placed - [0.0, 0.0, 0.0, 0.0, 0.0, _PROBE_DEPTH])
-        group.collide(self._solver.getCollisionOption(), result)
-        root.setPositions(placed)
-        depths = [contact.penetrationDepth for contact in result.getContacts()]
-        expected = _PROBE_DEPTH + bodies.DEPTH_M
-        wrong = [depth for depth in depths if abs(depth - expected) > 0.1 * expected]
-        if wrong or len(depths) != len(WHEELS):
-            raise UnsupportedError(
-                f"dartpy's {type(detector).__name__} does not simulate the rollers' shape: four "
-                f"of them {_PROBE_DEPTH} m deep in the ground have contacts of depth {depths} m"
-            )
 
     def _may_slip(self) -> bool:
         """Return whether any ground force in the last step was near the friction cone.
