@@ -258,7 +258,7 @@ def test_a_link_names_the_port_until_it_closes(tmp_path):
     link.symlink_to("/dev/pts/none")  # left by an emulator that was killed
     line = SerialLine(link)
     assert link.readlink() == type(link)(line.name)
-    with pytest.raises(MecazenError, match="taken; another emulator may have it"):
+    with pytest.raises(MecazenError, match="taken: stop the other emulator"):
         SerialLine(link)
     line.close()
     assert not link.is_symlink()

@@ -200,7 +200,7 @@ def test_a_port_without_this_board_is_named(sent, reason, monkeypatch):
 def test_a_board_without_counts_is_named(monkeypatch):
     monkeypatch.setattr("mecazen_hardware.link.ANSWER_S", 0.5)
     monkeypatch.setattr("mecazen_hardware.emulator.firmware.COUNTS_AT", -1)
-    with emulated() as emulator, pytest.raises(HardwareError, match="does not send WheelAngles"):
+    with emulated() as emulator, pytest.raises(HardwareError, match="sends no WheelAngles"):
         Link(config(emulator), ROBOT)
 
 

@@ -49,7 +49,10 @@ def _wait(link: Link, duration_s: float, turning: int | None = None) -> WheelAng
             if isinstance(report, WheelAngles):
                 newest = report
     if newest is None:
-        raise HardwareError(f"{link.port.name}: the board has stopped to report its wheels")
+        raise HardwareError(
+            f"{link.port.name}: the board has fallen silent: is its cable loose? If a wheel still "
+            "turns, switch the robot off"
+        )
     return newest
 
 

@@ -1,9 +1,9 @@
 """The link to a board: its port, the thread that reads and writes, and the keeper of the motors.
 
-A command passes `Link.drive`, `_post`, `_write_due` and `Port.write`; a report passes `Port.read`,
-`_receive` and `Link.read`. No method waits for the port, except `close`. A frame is written at once
-if the board can take it. The thread writes the others later, and collects the reports with their
-times of arrival.
+A command passes `Link.drive`, `_post`, `_write_due` and `SerialPort.write`; a report passes
+`SerialPort.read`, `_receive` and `Link.read`. No method waits for the port, except `close`. A frame
+is written at once if the board can take it. The thread writes the others later, and collects the
+reports with their times of arrival.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class HardwareError(MecazenError):
     """The port or the board can't be used, or was disconnected."""
 
 
-class Port:
+class SerialPort:
     """An open serial port, exclusive to this process.
 
     Raises:
@@ -125,7 +125,7 @@ def _reason(name: str, number: int | None, error: Exception) -> str:
         return "in use by another program: one driver at a time"
     if number == errno.ENOTTY:
         return "not a serial port"
-    return f"can't be opened: {error}"
+    return f"can't be opened: {os.strerror(number) if number else error}"
 
 
 def usb_ports() -> list[str]:
@@ -165,7 +165,7 @@ class Link:
 
     def __init__(self, config: HardwareConfig, robot: Robot) -> None:
         self.board = make_board(config, robot)
-        self.port = Port(config.port, self.board.BAUD)
+        self.port = SerialPort(config.port, self.board.BAUD)
         self.sent = self.unsent = 0
         """Numbers of frames that were written, and that did not fit into the output buffer."""
         self._lock = threading.Condition()
@@ -347,4 +347,4 @@ class Link:
         if not board.frames:
             return f"what answers is not a {name}: no frame of its protocol in what it sends"
         kinds = ", ".join(sorted(kind.__name__ for kind in missing))
-        return f"the {name} answers, but does not send {kinds}; switch it off and on"
+        return f"the {name} sends no {kinds}: is its battery low? Charge it; switch it off and on"

@@ -55,8 +55,8 @@ RIM_LIMIT_M_S = 0.998
 
 The firmware clips each wheel separately at 1 m/s, which would change the direction. The numbers of
 a frame are rounded to 1 mm/s each, so a margin of 1.5 mm/s is needed."""
-TWIST_LIMITS = (1.0, 1.0, 5.0)
-"""The vendor's range of vx, vy [m/s] and wz [rad/s]."""
+YAW_LIMIT_RAD_S = 5.0
+"""The vendor's range of wz [rad/s]; that of vx and vy is wider than the rims allow."""
 MPU_GYRO, MPU_ACCEL, ICM = 3754.9, 1671.84, 1000.0
 """Raw numbers per rad/s, m/s², and both."""
 
@@ -158,8 +158,7 @@ class RosmasterX3(Board):
             raise ValueError(f"wheel speeds must be finite, not {tuple(speeds)}")
         twist = self._kinematics.forward(speeds)
         rim_m_s = abs(twist.x) + abs(twist.y) + LEVER_M * abs(twist.yaw)
-        shares = (abs(value) / limit for value, limit in zip(twist, TWIST_LIMITS, strict=True))
-        excess = max(1.0, rim_m_s / RIM_LIMIT_M_S, *shares)
+        excess = max(1.0, rim_m_s / RIM_LIMIT_M_S, abs(twist.yaw) / YAW_LIMIT_RAD_S)
         numbers = [round(1000.0 * value / excess) for value in twist]
         driven = self._kinematics.inverse(Twist2D(*(number / 1000.0 for number in numbers)))
         return frame(MOTION, struct.pack("<B3h", CAR_TYPE, *numbers)), driven

@@ -48,8 +48,9 @@ class SerialLine:
         try:
             link.symlink_to(self.name)
         except OSError as error:
-            reason = "taken" if error.errno == errno.EEXIST else error.strerror
-            raise MecazenError(f"--link {link}: {reason}; another emulator may have it") from None
+            taken = "taken: stop the other emulator, or remove the file"
+            reason = taken if error.errno == errno.EEXIST else error.strerror
+            raise MecazenError(f"--link {link}: {reason}") from None
 
     def read(self) -> bytes:
         """Return what the host has sent."""
