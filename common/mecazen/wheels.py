@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 from typing import NamedTuple
 
 from mecazen.config import ControllerConfig, Scenario
@@ -103,20 +102,27 @@ class WheelCommand(NamedTuple):
     is_effort: bool = False
 
 
-def wheel_command(joints: JointState, names: Sequence[str]) -> WheelCommand:
+def wheel_values(
+    joints: JointState, values: tuple[float, ...], names: tuple[str, ...]
+) -> tuple[float, ...]:
+    """Select the wheels' values from those of all joints; empty if a wheel is missing."""
+    if joints.name[: len(names)] == names:  # physics publishes the wheels first
+        return values[: len(names)] if len(values) >= len(names) else ()
+    by_name = dict(zip(joints.name, values, strict=False))
+    return tuple(by_name[name] for name in names) if by_name.keys() >= set(names) else ()
+
+
+def wheel_command(joints: JointState, names: tuple[str, ...]) -> WheelCommand:
     """Return the velocities of the named joints [rad/s], or efforts [N·m] without velocities.
 
     Raises:
         RefusedError: A wheel has neither.
     """
     is_effort = bool(joints.effort) and not joints.velocity
-    values = joints.effort if is_effort else joints.velocity
-    try:
-        return WheelCommand(
-            itemgetter(*names)(dict(zip(joints.name, values, strict=False))), is_effort
-        )
-    except KeyError:
-        raise RefusedError(f"needs a velocity or an effort of {tuple(names)}") from None
+    values = wheel_values(joints, joints.effort if is_effort else joints.velocity, names)
+    if not values:
+        raise RefusedError(f"needs a velocity or an effort of {names}")
+    return WheelCommand(values, is_effort)
 
 
 class Watchdog:

@@ -208,14 +208,6 @@ def test_another_base_frame_is_the_root_of_the_same_tree():
         Simulation("back", {"controller.base_frame_id": "camera_link"})
 
 
-@pytest.mark.parametrize(("share", "warnings"), [(1.05, 0), (3.3, 1)])
-def test_a_length_that_is_not_the_robots_is_a_warning(share, warnings, caplog):
-    half_m = load_scenario(SCENARIOS / "back.toml").robot.half_track
-    Simulation("back", {"controller.half_track_m": half_m * share}).close()
-    told = f"controller.half_track_m = {half_m * share:g}, and the robot file has {half_m:g} m"
-    assert [told in record.message for record in caplog.records] == [True] * warnings
-
-
 def test_a_walker_may_run_as_fast_as_a_message_can_tell():
     # 13 m/s, the most, with the largest ripple of a gait: 19.5 m/s
     path = {"kind": "straight", "speed_m_s": 13.0, "y_m": 5.0}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from typing import Any
 
@@ -23,17 +22,11 @@ from mecazen.keys import (
 from mecazen.messages import diagonal_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ROUNDING_S
-from mecazen.wheels import MecanumKinematics, WheelSpeeds
+from mecazen.wheels import MecanumKinematics, WheelSpeeds, wheel_values
 from mecazen.wire import NS_PER_S, RefusedError
-
-logger = logging.getLogger(__name__)
 
 FASTER = 1.5
 """Multiple of the wheels' maximum speed beyond which a change of an angle is no motion."""
-MISMATCH = 0.2
-"""Relative difference of a configured length from the robot's above which the controller warns.
-Calibrations and experiments on errors of a length are within 10 %; a diameter, a whole length or
-another unit in its place is at least a factor of 2 away."""
 
 
 class OdometryNode(Node):
@@ -75,7 +68,7 @@ class OdometryNode(Node):
                 inputs.refuse(JOINT_STATES, str(problem))
                 return {}
             self.wheels_known = True
-            self._move(measured, of_wheels(joints, joints.position, self.joints))
+            self._move(measured, wheel_values(joints, joints.position, self.joints))
             self.measured_ns = tick.time_ns
             odometry = self._odometry(self.pose_covariance, self.twist_covariance)
         return {} if tick.number % self.ticks_per_sample else {ODOM: odometry}
@@ -138,16 +131,6 @@ class ControllerNode(Node):
         self.tick_s = scenario.sim.tick_s
         self.timeout_s = scenario.command_timeout_s
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
-        self._warn_of_lengths()
-
-    def _warn_of_lengths(self) -> None:
-        """Warn of configured lengths that are far from those of the robot."""
-        configured, robot = self.kinematics, MecanumKinematics.from_robot(self.scenario.robot)
-        for name in ("half_wheelbase", "half_track", "wheel_radius"):
-            value, true = getattr(configured, name), getattr(robot, name)
-            if abs(value - true) > MISMATCH * true:
-                told = f"controller.{name}_m = {value:g}, and the robot file has {true:g} m"
-                logger.warning("msg=%r", told)
 
     def configure(self, scenario: Scenario) -> None:
         """Use the limits and the timeout of a changed scenario from now on."""
@@ -219,19 +202,9 @@ def wheel_speeds(joints: m.JointState, names: tuple[str, ...]) -> WheelSpeeds:
     Raises:
         RefusedError: A wheel joint has no velocity.
     """
-    velocities = of_wheels(joints, joints.velocity, names)
-    if velocities:
-        return WheelSpeeds(*velocities)
-    known = dict(zip(joints.name, joints.velocity, strict=False))
-    lacking = next(name for name in names if name not in known)
-    raise RefusedError(f"joint_states has no velocity of {lacking!r}")
-
-
-def of_wheels(
-    joints: m.JointState, values: tuple[float, ...], names: tuple[str, ...]
-) -> tuple[float, ...]:
-    """Select the wheels' values from those of all joints; empty if a wheel is missing."""
-    if joints.name[: len(names)] == names:  # physics publishes the wheels first
-        return values[: len(names)] if len(values) >= len(names) else ()
-    known = dict(zip(joints.name, values, strict=False))
-    return tuple(known[name] for name in names) if known.keys() >= set(names) else ()
+    velocities = wheel_values(joints, joints.velocity, names)
+    if not velocities:
+        known = joints.name[: len(joints.velocity)]
+        missing = next(name for name in names if name not in known)
+        raise RefusedError(f"joint_states has no velocity of {missing!r}")
+    return WheelSpeeds(*velocities)
