@@ -100,7 +100,6 @@ def test_a_run_begun_anew_is_the_same_again():
         ("convoy", (), False),
         ("convoy", ("sensor.kind=fused",), True),
         ("back", ("crowd.walkers=[]",), False),
-        ("back", ("crowd.manners='orca'",), False),
         ("back", (WALKERS,), True),
         ("crowd", (), True),
     ],

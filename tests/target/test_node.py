@@ -6,7 +6,7 @@ import pytest
 from harness import Rig, Steps, assert_sendable, load_robot
 from hostile import forged, malformed
 from mecazen import keys
-from mecazen.config import CrowdConfig, Scenario, SensorConfig, SimConfig, TargetConfig
+from mecazen.config import Scenario, SensorConfig, SimConfig, TargetConfig
 from mecazen.config.people import Circle, Driven, Gait, Goal, Recorded, Standing, Straight
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
@@ -19,20 +19,18 @@ NEXUS = load_robot()
 ORIGIN = Pose2D()
 STANDING = Standing(x_m=2.0, y_m=1.0, yaw_deg=90.0)
 DRIVEN = Driven(timeout_s=0.05)
-HELBING = CrowdConfig()
 
 
 class Target(Steps):
     """A person on a path; the sensor is exact unless told otherwise."""
 
-    def __init__(self, path, gait=None, tick_s=0.01, seed=1, crowd=HELBING, **sensor):
+    def __init__(self, path, gait=None, tick_s=0.01, seed=1, **sensor):
         scenario = Scenario(
             robot=NEXUS,
             seed=seed,
             sim=SimConfig(tick_s=tick_s),
             sensor=SensorConfig(**{"position_std_m": 0.0, "yaw_std_deg": 0.0, **sensor}),
             target=TargetConfig(path=path, gait=gait),
-            crowd=crowd,
         )
         super().__init__(TargetNode, scenario)
 
@@ -180,18 +178,6 @@ def test_a_person_with_a_goal_gives_way_to_others_and_not_to_the_robot():
     assert max(abs(pose.y) for pose in alone) < 0.25  # fluctuations
     assert min(pose.distance(Pose2D(3.0, 0.3)) for pose in past) > 0.4  # the radii of two bodies
     assert all(walked[-1].distance(Pose2D(6.0)) < 0.6 for walked in (alone, past))
-
-
-def test_the_manners_of_the_scenario_are_those_of_the_person():
-    straight, planned = (Target(GOAL, crowd=CrowdConfig(manners=m)) for m in ("helbing", "orca"))
-    behind = Pose2D(-2.0)
-    by_force, by_plan = (
-        pose_of([target.tick(k, behind) for k in range(101)][-1][keys.TARGET_ODOM]).x
-        for target in (straight, planned)
-    )
-    # the force brings the speed to 1 m/s over 0.5 s, a plan by 0.3 m/s in each step of 0.1 s
-    assert by_force == pytest.approx(1.0 - 0.5 * (1.0 - math.exp(-2.0)), abs=0.05)  # fluctuations
-    assert by_plan == pytest.approx(0.1 * (0.0 + 0.3 + 0.6 + 0.9 + 6 * 1.0), abs=0.01)
 
 
 def test_a_walk_that_has_ended_is_reported_and_one_without_an_end_is_not():

@@ -123,7 +123,7 @@ class Driven(_Path, tag="driven"):
 
 
 class Goal(SteadyWalk, tag="goal", kw_only=True):
-    """A walk to a place, giving way by `crowd.manners`: the only path that depends on others.
+    """A walk to a place, straight on, that gives way to others and to obstacles.
 
     A person whom a robot follows gives way to all but the robots.
     """
@@ -136,10 +136,6 @@ class Goal(SteadyWalk, tag="goal", kw_only=True):
     """Way-points in the world before the goal."""
     back_and_forth: bool = False
     """Whether the walker goes back and forth between start and goal, or else stops at the goal."""
-    keeps_m: NonNegative = 0.5
-    """Distance kept from others beyond the walker's own body, for the manners "orca" and "sfm"."""
-    within_m: Positive = 2.0
-    """Distance at which a way-point counts as reached, for the same manners."""
 
 
 Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded | Script
@@ -245,10 +241,3 @@ class CrowdConfig(Section):
 
     walkers: tuple[Walker, ...] = ()
     reactive: Reactive | None = None
-    manners: Literal["helbing", "orca", "sfm"] = "helbing"
-    """How all persons with a goal give way. helbing: by the social force of Helbing & Molnár,
-    straight to the goal. orca, sfm: as the pedestrians of Follow-Bench, by ORCA or by social
-    forces, on planned paths round obstacles."""
-    inflation_cells: Annotated[int, msgspec.Meta(ge=0, le=50)] = 5
-    """Edge of the square to which each blocked cell grows in the grid that plans these paths; a
-    cell is 0.2 m."""

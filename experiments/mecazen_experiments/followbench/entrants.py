@@ -17,9 +17,9 @@ from mecazen.loop import mapping_of
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import imported
 from mecazen.wire import NS_PER_S
-from mecazen_people.manners.walking import STEP_S
 
 from mecazen_experiments.followbench import sight
+from mecazen_experiments.followbench.pedestrians import STEP_S
 from mecazen_experiments.followbench.planners import PLANNERS
 from mecazen_experiments.followbench.view import Planner, Seen, View
 

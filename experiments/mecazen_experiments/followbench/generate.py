@@ -17,8 +17,6 @@ import numpy as np
 from mecazen.arrays import between, to_rectangle
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen_people.manners.grid import CELL_M
-from mecazen_people.manners.walking import STEP_S
 
 from mecazen_experiments.followbench.episodes import (
     SAMPLE,
@@ -31,6 +29,8 @@ from mecazen_experiments.followbench.episodes import (
     episode_lengths,
     read,
 )
+from mecazen_experiments.followbench.pedestrians import STEP_S
+from mecazen_experiments.followbench.pedestrians.grid import CELL_M
 from mecazen_experiments.followbench.view import Place
 
 CLEAR_M = 1.5

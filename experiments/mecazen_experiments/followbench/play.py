@@ -9,12 +9,11 @@ import numpy.typing as npt
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats
-from mecazen_people.manners.grid import Grid
-from mecazen_people.manners.planned import Planned
-from mecazen_people.manners.walking import Errand, Other, Outline
 
 from mecazen_experiments.followbench import sight, unicycle
 from mecazen_experiments.followbench.episodes import Episode, Walk
+from mecazen_experiments.followbench.pedestrians.grid import Grid
+from mecazen_experiments.followbench.pedestrians.walkers import Errand, Other, Outline, Walkers
 from mecazen_experiments.followbench.unicycle import Unicycle
 from mecazen_experiments.followbench.view import Planner, Seen, View
 
@@ -58,10 +57,10 @@ class World:
             outline = Outline(length / 2.0, length / 2.0, width / 2.0, yaw)
             self._things.append(Other(x, y, 0.0, 0.0, 0.0, outline))
 
-        def walkers(walks: tuple[Walk, ...]) -> Planned:
+        def walkers(walks: tuple[Walk, ...]) -> Walkers:
             errands = [_errand(walk) for walk in walks]
             radius = unicycle.PERSON_RADIUS
-            return Planned(errands, obstacles, radius, episode.manners, grid)
+            return Walkers(errands, obstacles, radius, episode.manners, grid)
 
         self.target, self.humans = walkers((episode.target,)), walkers(episode.humans)
         self.robot = Unicycle(episode.robot)

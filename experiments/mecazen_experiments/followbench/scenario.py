@@ -9,10 +9,12 @@ from typing import Any
 from mecazen.config import Scenario
 from mecazen.geometry import Pose2D
 from mecazen.loading import from_tables, named_file
-from mecazen_people.manners.walking import SPEED_M_S
 
 from mecazen_experiments.followbench import unicycle
 from mecazen_experiments.followbench.episodes import Episode, Walk
+from mecazen_experiments.followbench.pedestrians import SPEED_M_S
+from mecazen_experiments.followbench.pedestrians.grid import Grid
+from mecazen_experiments.followbench.play import grid_of
 
 WALL_M = 2.0
 """Height of the boxes [m]; those of Follow-Bench have no height."""
@@ -24,9 +26,10 @@ def tables_of(episode: Episode, seed: int) -> dict[str, Any]:
     """Return the tables of the scenario; the nexus robot is at the original outline's centre.
 
     The robot faces the target at the start, since its camera does not see all around. Beside the
-    target it remains on the side of its start. People have the paths, speed and manners of the
-    episode, and a walking body.
+    target it remains on the side of its start. People have the planned ways and the speed of the
+    episode, a walking body, and give way by the social force of mecazen.
     """
+    grid = grid_of(episode)
     robot, target = episode.robot.compose(Pose2D(unicycle.CENTRE)), episode.target.start
     yaw = math.atan2(target.y - robot.y, target.x - robot.x)
     return {
@@ -36,12 +39,8 @@ def tables_of(episode: Episode, seed: int) -> dict[str, Any]:
         "sim": {"mode": "lockstep", "duration_s": episode.max_steps * episode.step_s},
         "start": {"x_m": robot.x, "y_m": robot.y, "yaw_deg": math.degrees(yaw)},
         "sensor": {"kind": "fused"},
-        "target": {"path": _goal(episode.target)},
-        "crowd": {
-            "manners": episode.manners,
-            "inflation_cells": episode.inflation_cells,
-            "walkers": [{"path": _goal(walk)} for walk in episode.humans],
-        },
+        "target": {"path": _goal(episode.target, grid)},
+        "crowd": {"walkers": [{"path": _goal(walk, grid)} for walk in episode.humans]},
         "world": {
             "person": {"radius_m": unicycle.PERSON_RADIUS},
             "obstacles": [
@@ -77,16 +76,14 @@ def _view(episode: Episode) -> str:
     return "side_left" if walks.between(episode.robot).y >= 0.0 else "side_right"
 
 
-def _goal(walk: Walk) -> dict[str, Any]:
-    *via, goal = walk.goals
+def _goal(walk: Walk, grid: Grid) -> dict[str, Any]:
+    ways = grid.way([walk.start[:2], *walk.goals]) if walk.plans else walk.goals
     return {
         "kind": "goal",
         "x_m": walk.start.x,
         "y_m": walk.start.y,
         "yaw_deg": math.degrees(walk.start.yaw),
-        "via_m": [list(place) for place in via],
-        "goal_m": list(goal),
+        "via_m": [list(place) for place in ways[:-1]],
+        "goal_m": list(walk.goals[-1]),
         "speed_m_s": SPEED_M_S,
-        "keeps_m": walk.safe_dist,
-        "within_m": walk.goal_threshold,
     }

@@ -9,7 +9,8 @@ import numpy as np
 from mecazen.arrays import between, to_rectangle
 from mecazen.geometry import Pose2D, wrap
 from mecazen.portable import Floats
-from mecazen_people.manners.grid import CELL_M
+
+from mecazen_experiments.followbench.pedestrians.grid import CELL_M
 
 MAX_V, MAX_W = 2.0, math.pi
 """Maximum speed [m/s] and yaw rate [rad/s], forwards and backwards."""

@@ -8,13 +8,11 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.config.people import Goal, Walker
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D
+from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_people.body.walker import Walker as Body
-from mecazen_people.manners.choice import make_walkers
-from mecazen_people.manners.helbing import drawn
-from mecazen_people.manners.walking import Errand, Other, Outline, Walkers
+from mecazen_people.crowd import Pedestrians, agent_at, errand_of, random_errands
 from mecazen_people.motion import Motion, Path
 from mecazen_people.paths import check_path, make_path
 
@@ -33,9 +31,9 @@ class CrowdNode(Node):
         self.period = scenario.ticks_per("sensors.skeleton_rate_hz")
         if any(name.startswith("walker_") for name in scenario.names):
             raise ConfigError("robots: names that begin with walker_ are those of the crowd")
-        self.paths = [_path(scenario, number, one) for number, one in enumerate(config.walkers)]
-        self.errands = [Errand.of(one.path) for one in config.walkers if isinstance(one.path, Goal)]
-        bodies = [one.body for one in config.walkers]
+        self.paths = [_path(scenario, n, walker) for n, walker in enumerate(config.walkers)]
+        self.errands = [errand_of(w.path) for w in config.walkers if isinstance(w.path, Goal)]
+        bodies = [walker.body for walker in config.walkers]
         if config.reactive is not None:
             self.paths += [None] * config.reactive.count
             bodies += [config.reactive.body] * config.reactive.count
@@ -46,8 +44,10 @@ class CrowdNode(Node):
             made = {body: Body(body) for body in dict.fromkeys(bodies)}
             self.bodies = [made[body].twin() for body in bodies]
         self.radius = scenario.world.person.radius_m
-        self.footprints = {name: scenario.of(name).robot.footprint for name in scenario.names}
-        self.reach = {n: math.hypot(*size) + ROBOT_MARGIN_M for n, size in self.footprints.items()}
+        self.reach = {
+            name: math.hypot(*scenario.of(name).robot.footprint) + ROBOT_MARGIN_M
+            for name in scenario.names
+        }
 
     def reset(self, seed: int) -> None:
         """Begin a run, with walkers drawn from `seed`."""
@@ -56,7 +56,7 @@ class CrowdNode(Node):
         self.robots: dict[str, m.Odometry] = {}
         self.targets: dict[str, m.Odometry] = {}
         self.skeletons: dict[str, m.Skeleton] = {}
-        self.pedestrians: Walkers | None = None
+        self.pedestrians: Pedestrians | None = None
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return all people and robots, in ticks in which a sample is due."""
@@ -85,21 +85,19 @@ class CrowdNode(Node):
     def _walk(self, time: float, steps: int) -> list[Motion]:
         """Return the walkers' motions at a time [s], a number of steps after the last one."""
         on_paths = [None if path is None else path.at(time) for path in self.paths]
-        others = [_other(motion, self.radius) for motion in on_paths if motion is not None]
-        others += [_other(_motion(odometry), self.radius) for odometry in self.targets.values()]
-        for name, robot in self.robots.items():
-            other = _other(motion := _motion(robot), self.reach[name])
-            length, width = self.footprints[name]
-            outline = Outline(length, length, width, motion.pose.yaw)
-            others.append(other._replace(outline=outline))
+        agents = [agent_at(*motion[:2], self.radius) for motion in on_paths if motion is not None]
+        agents += [agent_at(*_planar(person), self.radius) for person in self.targets.values()]
+        agents += [
+            agent_at(*_planar(robot), self.reach[name]) for name, robot in self.robots.items()
+        ]
         if self.pedestrians is None:
             obstacles, errands = self.scenario.world.solids, list(self.errands)
             if self.config.reactive is not None:
-                taken = [one[:2] for one in others] + [one.start[:2] for one in errands]
-                errands += drawn(self.config.reactive, self.seed, taken, obstacles)
-            self.pedestrians = make_walkers(self.scenario, errands, self.seed)
+                occupied = [a[:2] for a in agents] + [errand.start[:2] for errand in errands]
+                errands += random_errands(self.config.reactive, self.seed, occupied, obstacles)
+            self.pedestrians = Pedestrians(errands, obstacles, self.radius, self.seed)
         for _ in range(steps):
-            self.pedestrians.step(time, self.period * self.scenario.sim.tick_s, others)
+            self.pedestrians.step(time, self.period * self.scenario.sim.tick_s, agents)
         reacting = iter(self.pedestrians.motions)
         return [next(reacting) if motion is None else motion for motion in on_paths]
 
@@ -139,10 +137,5 @@ def _path(scenario: Scenario, number: int, walker: Walker) -> Path | None:
     return path
 
 
-def _motion(odometry: m.Odometry) -> Motion:
-    return Motion(odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar())
-
-
-def _other(motion: Motion, radius: float) -> Other:
-    velocity = Pose2D(yaw=motion.pose.yaw).compose(Pose2D(motion.twist.x, motion.twist.y))
-    return Other(motion.pose.x, motion.pose.y, velocity.x, velocity.y, radius)
+def _planar(odometry: m.Odometry) -> tuple[Pose2D, Twist2D]:
+    return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()

@@ -8,7 +8,6 @@ from typing import Any
 from mecazen import messages as m
 from mecazen.config import Scenario, people
 from mecazen.errors import ConfigError
-from mecazen.geometry import rotate
 from mecazen.keys import (
     GROUND_TRUTH,
     OBSERVATION,
@@ -21,8 +20,7 @@ from mecazen.keys import (
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_people.body.posture import Posture
 from mecazen_people.body.walker import Walker
-from mecazen_people.manners.choice import make_walkers
-from mecazen_people.manners.walking import Errand, Other, Outline, Walkers
+from mecazen_people.crowd import Agent, Pedestrians, agent_at, errand_of
 from mecazen_people.motion import Driven, Motion, with_gait
 from mecazen_people.paths import check_path, make_path, start_pose
 
@@ -60,10 +58,13 @@ class TargetNode(Node):
         path, tick_s = self.config.path, self.scenario.sim.tick_s
         timeout_s = path.timeout_s if isinstance(path, people.Driven) else 0.0
         self.driven = Driven(start_pose(path), timeout_s, tick_s)
-        self.walkers: Walkers | None = None
-        self.others: list[Other] = []
+        self.pedestrian: Pedestrians | None = None
+        self.crowd: list[Agent] = []
         if isinstance(path, people.Goal):
-            self.walkers = make_walkers(self.scenario, [Errand.of(path)], seed)
+            world = self.scenario.world
+            self.pedestrian = Pedestrians(
+                [errand_of(path)], world.solids, world.person.radius_m, seed
+            )
         self.tick = 0
         self.motion = self.motion_at(0)
         self.sensor = Sensor(self.scenario.sensor, seed, tick_s)
@@ -78,8 +79,8 @@ class TargetNode(Node):
             inputs.refuse(TARGET_CMD_VEL, "the path is known; target.path.kind = 'driven' obeys")
         elif command is not None:
             self.driven.command(command.to_planar())
-        if self.walkers is not None:
-            self._look_round(inputs)
+        if (crowd := inputs.get(PEOPLE)) is not None:
+            self.crowd = self._agents(crowd)
         person = self.motion = self.motion_at(tick.number)
         outputs: dict[Topic[Any], m.Message] = {
             TARGET_ODOM: m.planar_odometry(tick.time, "world", "person", person.pose, person.twist)
@@ -110,10 +111,10 @@ class TargetNode(Node):
         tick_s, missed = self.scenario.sim.tick_s, tick - self.tick
         if self.path is not None:
             motion = self.path.at(tick * tick_s)
-        elif self.walkers is not None:
+        elif self.pedestrian is not None:
             for number in range(self.tick + 1, tick + 1):
-                self.walkers.step(number * tick_s, tick_s, [self.robot, *self.others])
-            motion = self.walkers.motions[0]
+                self.pedestrian.step(number * tick_s, tick_s, self.crowd)
+            motion = self.pedestrian.motions[0]
         else:
             motion = self.driven.step(missed) if missed else self.driven.motion
         self.tick = tick
@@ -122,20 +123,14 @@ class TargetNode(Node):
             return motion
         return with_gait(motion, self.config.gait)
 
-    def _look_round(self, inputs: Inputs) -> None:
-        """Store the robot's position, and the crowd of the previous tick."""
-        x, y, yaw = inputs[GROUND_TRUTH].pose.pose.to_planar()
-        length, width = self.scenario.robot.footprint
-        outline = Outline(length, length, width, yaw)
-        self.robot = Other(x, y, 0.0, 0.0, math.hypot(length, width), outline, is_heeded=False)
-        if (crowd := inputs.get(PEOPLE)) is not None:
-            own = self.scenario.robot_name or "target"
-            self.others = [self._other(one) for one in crowd.persons if one.id != own]
-
-    def _other(self, person: m.Person) -> Other:
-        pose, twist = person.pose.to_planar(), person.twist.to_planar()
-        vx, vy = rotate(twist.x, twist.y, pose.yaw)
-        return Other(pose.x, pose.y, vx, vy, self.scenario.world.person.radius_m)
+    def _agents(self, crowd: m.People) -> list[Agent]:
+        """Return the people to whom the person gives way: all but themselves."""
+        robot, radius = self.scenario.robot_name or "target", self.scenario.world.person.radius_m
+        return [
+            agent_at(person.pose.to_planar(), person.twist.to_planar(), radius)
+            for person in crowd.persons
+            if person.id != robot
+        ]
 
     def _message(self, frame: Frame) -> m.Observation:
         captured = m.Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)

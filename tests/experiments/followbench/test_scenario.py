@@ -38,7 +38,6 @@ def test_boxes_and_ways_are_those_of_the_episode():
     scenario = scenario_of(door, 1)
     assert len(scenario.world.solids) == len(door.boxes)
     assert scenario.target.path.goal_m == door.target.goals[-1]
-    assert scenario.crowd.inflation_cells == door.inflation_cells
 
 
 @pytest.mark.parametrize(("beside", "view"), [(1.5, "side_left"), (-1.5, "side_right")])

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 from mecazen.geometry import Pose2D
-from mecazen_people.manners.walking import STEP_S
 
+from mecazen_experiments.followbench.pedestrians import STEP_S
 from mecazen_experiments.followbench.view import Place, Seen, View
 
 AHEAD_S = 2.0

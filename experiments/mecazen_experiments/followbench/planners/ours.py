@@ -22,9 +22,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.portable import Floats
-from mecazen_people.manners.walking import STEP_S
 from scipy.ndimage import distance_transform_edt
 
+from mecazen_experiments.followbench.pedestrians import STEP_S
 from mecazen_experiments.followbench.planners.scan import points
 from mecazen_experiments.followbench.planners.ways import STEPS, TIMES, Ways, roll, sample
 from mecazen_experiments.followbench.planners.whereabouts import Whereabouts

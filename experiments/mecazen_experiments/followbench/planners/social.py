@@ -14,8 +14,8 @@ import math
 import numpy as np
 from mecazen.geometry import wrap
 from mecazen.portable import Floats, exp
-from mecazen_people.manners.walking import STEP_S
 
+from mecazen_experiments.followbench.pedestrians import STEP_S
 from mecazen_experiments.followbench.planners.chase import Chase
 from mecazen_experiments.followbench.planners.scan import center, clusters, points
 from mecazen_experiments.followbench.view import View

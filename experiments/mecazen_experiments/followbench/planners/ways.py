@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats
-from mecazen_people.manners.walking import STEP_S
 
+from mecazen_experiments.followbench.pedestrians import STEP_S
 from mecazen_experiments.followbench.unicycle import (
     ACCELERATION_V,
     ACCELERATION_W,

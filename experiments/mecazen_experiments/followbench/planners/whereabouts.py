@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 from mecazen.portable import Floats, arctan2
-from mecazen_people.manners.walking import STEP_S
 
+from mecazen_experiments.followbench.pedestrians import STEP_S
 from mecazen_experiments.followbench.sight import ANGLES, APART
 from mecazen_experiments.followbench.unicycle import PERSON_RADIUS
 from mecazen_experiments.followbench.view import Seen, View

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 from mecazen.portable import Floats, arctan2
-from mecazen_people.manners.walking import STEP_S
 
+from mecazen_experiments.followbench.pedestrians import STEP_S
 from mecazen_experiments.followbench.planners.chase import Chase
 from mecazen_experiments.followbench.planners.scan import points
 from mecazen_experiments.followbench.unicycle import MAX_V, MAX_W

@@ -7,8 +7,8 @@ import pytest
 from mecazen.config.people import Goal, Reactive
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
-from mecazen_people.manners.helbing import CLEAR_M, Pedestrians, drawn
-from mecazen_people.manners.walking import Errand, Other
+from mecazen_people.crowd import CLEAR_M, Agent, Errand, Pedestrians, errand_of, random_errands
+from mecazen_people.recorded import MAX_YAW_RATE
 
 RADIUS_M, DT_S = 0.2, 0.02
 AREA = Reactive(count=12, x_m=(-4.0, 4.0), y_m=(-3.0, 3.0))
@@ -48,7 +48,7 @@ def test_a_robot_is_walked_round_whether_it_stands_or_comes():
     for speed in (0.0, -0.5):
 
         def robot(t, speed=speed):
-            return (Other(4.0 + speed * t, 0.05, speed, 0.0, 0.45),)
+            return (Agent(4.0 + speed * t, 0.05, speed, 0.0, 0.45),)
 
         places = walk([errand(0.0, (8.0, 0.0))], 10.0, robot)
         gaps = [
@@ -61,7 +61,7 @@ def test_a_robot_is_walked_round_whether_it_stands_or_comes():
 
 def test_a_crowd_keeps_clear_of_a_wall_and_of_each_other():
     wall = Box(size_m=(1.0, 0.2, 2.0), position_m=(0.0, 0.0))
-    places = walk(drawn(AREA, 3, (), [wall]), 20.0, obstacles=[wall])
+    places = walk(random_errands(AREA, 3, (), [wall]), 20.0, obstacles=[wall])
     for now in places:
         for one in now:
             over = (abs(one.x) - 0.5, abs(one.y) - 0.1)
@@ -72,17 +72,31 @@ def test_a_crowd_keeps_clear_of_a_wall_and_of_each_other():
 
 
 def test_those_who_are_drawn_begin_clear_of_others_and_the_same_for_the_same_seed():
-    errands = drawn(AREA, 3, [(0.0, 0.0)], ())
+    errands = random_errands(AREA, 3, [(0.0, 0.0)], ())
     starts = [Pose2D(), *(one.start for one in errands)]
     assert all(a.distance(b) >= CLEAR_M for a, b in combinations(starts, 2))
-    assert errands == drawn(AREA, 3, [(0.0, 0.0)], ())
-    assert errands != drawn(AREA, 4, [(0.0, 0.0)], ())
+    assert errands == random_errands(AREA, 3, [(0.0, 0.0)], ())
+    assert errands != random_errands(AREA, 4, [(0.0, 0.0)], ())
     speeds = [one.speed for one in errands]
     assert all(0.3 <= speed <= 1.34 + 4 * 0.26 for speed in speeds)
 
 
 def test_a_goal_back_and_forth_is_walked_again_and_again():
-    there = Errand.of(Goal(goal_m=(3.0, 0.0), back_and_forth=True))
+    there = errand_of(Goal(goal_m=(3.0, 0.0), back_and_forth=True))
     places = [now[0].x for now in walk([there], 15.0)]
     far = [x > 2.6 for x in places]
     assert sum(b and not a for a, b in pairwise(far)) >= 2
+
+
+def test_an_errand_back_and_forth_passes_its_places_in_both_directions():
+    path = Goal(goal_m=(4.0, 0.0), via_m=((2.0, 1.0),), back_and_forth=True, x_m=1.0)
+    errand = errand_of(path)
+    assert errand.goals == ((2.0, 1.0), (4.0, 0.0), (2.0, 1.0), (1.0, 0.0))
+    assert errand.endless
+
+
+def test_a_body_turns_to_where_it_walks():
+    places = walk([Errand(Pose2D(), ((0.0, 8.0),), False, 1.3)], 3.0)
+    assert places[-1][0].yaw == pytest.approx(math.pi / 2, abs=0.1)  # a lag of 0.2 s, fluctuations
+    yaws = [0.0, *(place.yaw for (place,) in places)]
+    assert max(b - a for a, b in pairwise(yaws)) <= MAX_YAW_RATE * DT_S + 1e-9  # rounding

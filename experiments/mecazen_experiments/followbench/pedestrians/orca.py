@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from mecazen_people.manners.walking import STEP_S
+from mecazen_experiments.followbench.pedestrians import STEP_S
 
 PARALLEL = 1e-6
 """Sine below which two lines count as parallel."""

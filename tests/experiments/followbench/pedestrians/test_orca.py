@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from mecazen_people.manners import orca
+from mecazen_experiments.followbench.pedestrians import orca
 
 HERE, EAST = (0.0, 0.0), (1.0, 0.0)
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from mecazen.config.world import Box, Cylinder
-from mecazen_people.manners.grid import CELL_M, Grid
+from mecazen_experiments.followbench.pedestrians.grid import CELL_M, Grid
 
 WALL = [
     Box(size_m=(4.0, 0.4, 1.0), position_m=(2.0, 5.0)),
@@ -83,8 +83,3 @@ def test_the_nearest_blocked_cells_come_first_and_are_at_most_ten():
     assert len(near) == 10
     assert distances == sorted(distances)
     assert grid(WALL).near(2.0, 1.0) == []
-
-
-def test_the_grid_around_things_holds_all_of_them():
-    made = Grid.around(WALL, [(-3.0, 1.0), (1.0, 9.0)], 0)
-    assert made.blocked.shape == (round(8.0 / CELL_M) + 1, round(13.0 / CELL_M) + 1)

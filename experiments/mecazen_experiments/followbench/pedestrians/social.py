@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from mecazen_people.manners.walking import STEP_S
+from mecazen_experiments.followbench.pedestrians import STEP_S
 
 DRIVE_HZ = 1.5
 PEOPLE_M_S2, PEOPLE_M = 7.0, 0.3

@@ -47,19 +47,6 @@ class Grid:
         self.heeded = self.blocked.copy()
         """Blocked cells from which walkers near by keep their distance."""
 
-    @classmethod
-    def around(
-        cls, obstacles: Sequence[Box | Cylinder], places: Sequence[Point], inflation: int
-    ) -> Grid:
-        """Return the grid of the area that holds all obstacles and places, and no more."""
-        corners = [corner for thing in obstacles for corner in _bounds(thing)] + list(places)
-        corners = corners or [(0.0, 0.0)]
-        low = min(x for x, _ in corners), min(y for _, y in corners)
-        high = max(x for x, _ in corners), max(y for _, y in corners)
-        return cls(
-            obstacles, low, (high[0] - low[0] + CELL_M, high[1] - low[1] + CELL_M), inflation
-        )
-
     def way(self, places: Sequence[Point]) -> list[Point]:
         """Return the way-points from the first place to the last, through all others.
 
@@ -169,14 +156,6 @@ def _corners(thing: Box) -> list[Point]:
         (c * along - s * across + x, s * along + c * across + y)
         for along, across in ((-dx, -dy), (dx, -dy), (dx, dy), (-dx, dy))
     ]
-
-
-def _bounds(thing: Box | Cylinder) -> list[Point]:
-    """Return places around an obstacle: its corners, or those of the square that holds it [m]."""
-    if isinstance(thing, Box):
-        return _corners(thing)
-    (x, y), radius = thing.position_m, thing.size_m[0]
-    return [(x - radius, y - radius), (x + radius, y + radius)]
 
 
 def _inflated(taken: Flags, edge: int) -> Flags:

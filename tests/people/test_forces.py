@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from mecazen.config.world import Box, Cylinder
-from mecazen_people.manners import forces
+from mecazen_people import forces
 
 AHEAD = np.array([[1.0, 0.0]])
 HERE = np.zeros((1, 2))

@@ -1,23 +1,22 @@
 """Walkers who plan a way round obstacles and give way by ORCA or by social forces.
 
-They are the pedestrians of Follow-Bench 1.0. They choose velocities one after the other, so each
-walker uses the new places of the walkers before. A walker who touches something brakes. In
-Follow-Bench a pedestrian changes its velocity at once; here the acceleration is limited.
+They choose velocities one after the other, so each walker uses the new places of the walkers
+before. A walker changes its velocity at once, and brakes when it touches something.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import NamedTuple
 
 from mecazen.config.world import Box, Cylinder
+from mecazen.geometry import Pose2D
 
-from mecazen_people.manners import orca, social
-from mecazen_people.manners.grid import Grid
-from mecazen_people.manners.walking import STEP_S, Errand, Other, walked
-from mecazen_people.manners.walls import Walls
-from mecazen_people.motion import Motion
+from mecazen_experiments.followbench.episodes import Manners
+from mecazen_experiments.followbench.pedestrians import SPEED_M_S, STEP_S, orca, social
+from mecazen_experiments.followbench.pedestrians.grid import Grid
+from mecazen_experiments.followbench.pedestrians.walls import Walls
 
 SKIN_M = 0.1
 """Margin that ORCA adds to a body's radius."""
@@ -28,10 +27,63 @@ BRAKED = 1.0 / 20.0
 SLOW_M, ARRIVED_M = 1.0, 0.1
 """Distances of a way-point below which the walker slows down, and stands."""
 
-Manners = Literal["orca", "sfm"]
+
+class Outline(NamedTuple):
+    """A rectangle about a place: extent ahead, behind and to each side [m]; heading [rad]."""
+
+    ahead: float
+    behind: float
+    side: float
+    yaw: float
+
+    def gap(self, dx: float, dy: float) -> float:
+        """Return the distance of a point from the outline; `dx` and `dy` are from the place [m]."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        along, across = c * dx + s * dy, abs(c * dy - s * dx)
+        over = max(along - self.ahead, -self.behind - along, 0.0)
+        beside = max(across - self.side, 0.0)
+        return math.sqrt(over * over + beside * beside)
 
 
-class Planned:
+class Other(NamedTuple):
+    """Another person or thing that moves: a disc, or a disc with an outline."""
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    radius: float
+    outline: Outline | None = None
+    is_heeded: bool = True
+    """Whether people give way to this; otherwise they only brake when they touch it."""
+
+    def gap(self, x: float, y: float) -> float:
+        """Return the distance of a place from the outline, or else from the disc [m]."""
+        dx, dy = x - self.x, y - self.y
+        if self.outline is not None:
+            return self.outline.gap(dx, dy)
+        return math.sqrt(dx * dx + dy * dy) - self.radius
+
+
+class Errand(NamedTuple):
+    """The goals of a walker."""
+
+    start: Pose2D
+    goals: tuple[tuple[float, float], ...]
+    """Goals, in this order."""
+    endless: bool = False
+    """Whether the first goal follows again after the last."""
+    speed: float = SPEED_M_S
+    start_after: float = 0.0
+    safe: float = 0.5
+    """Distance to be kept from others beyond the walker's own body [m]."""
+    plans: bool = True
+    """Whether the way leads round obstacles."""
+    within: float = 2.0
+    """Distance at which a way-point is reached [m]."""
+
+
+class Walkers:
     """Walkers on ways of the grid, step by step.
 
     Args:
@@ -40,7 +92,6 @@ class Planned:
         radius: Radius of each body [m].
         manners: How the walkers give way.
         grid: The grid on which ways are planned.
-        acceleration: Largest acceleration of a walker [m/s²].
     """
 
     def __init__(
@@ -50,9 +101,7 @@ class Planned:
         radius: float,
         manners: Manners,
         grid: Grid,
-        acceleration: float = math.inf,
     ) -> None:
-        self._acceleration = acceleration
         self._errands, self._radius, self._manners, self._grid = errands, radius, manners, grid
         self._walls = Walls(obstacles)
         self.states = [(one.start.x, one.start.y, 0.0, 0.0) for one in errands]
@@ -60,22 +109,18 @@ class Planned:
         self._ways = [self._way(one, one.start[:2]) for one in errands]
         self._next = [0] * len(errands)
         self._braking = [False] * len(errands)
-        self._chosen = [(0.0, 0.0)] * len(errands)
         self._since = STEP_S
-        self.motions = [Motion(one.start) for one in errands]
 
     def step(self, time: float, dt: float, others: Sequence[Other]) -> None:
         """Advance to a time by `dt` [s] among others."""
         self._since += dt
         chooses = self._since > STEP_S - 1e-9
-        for n, (last_x, last_y, *now) in enumerate(self.states):
+        for n, (last_x, last_y, vx, vy) in enumerate(self.states):
             if chooses:
-                self._chosen[n] = self._choice(n, time, others)
-            vx, vy = _approach(now, self._chosen[n], self._acceleration * dt)
+                vx, vy = self._choice(n, time, others)  # noqa: PLW2901
             x, y = last_x + dt * vx, last_y + dt * vy
             self.states[n] = x, y, vx, vy
             self._advance(n, x, y)
-            self.motions[n] = walked(self.motions[n], (x, y), (vx, vy), dt)
         if chooses:
             self._since = 0.0
 
@@ -137,17 +182,6 @@ class Planned:
             if (px - x) * (px - x) + (py - y) * (py - y) <= squared:
                 return True
         return any(other.gap(x, y) <= reach for other in others)
-
-
-def _approach(
-    now: Sequence[float], chosen: tuple[float, float], most: float
-) -> tuple[float, float]:
-    """Return the velocity nearest to the chosen one that differs from `now` by at most `most`."""
-    dx, dy = chosen[0] - now[0], chosen[1] - now[1]
-    change = math.sqrt(dx * dx + dy * dy)
-    if change <= most:
-        return chosen
-    return now[0] + most / change * dx, now[1] + most / change * dy
 
 
 def _towards(x: float, y: float, goal: tuple[float, float], speed: float) -> tuple[float, float]:

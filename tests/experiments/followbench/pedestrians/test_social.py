@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from mecazen_people.manners import social
+from mecazen_experiments.followbench.pedestrians import social
 
 NO_WALL = (0.0, 0.0, math.inf)
 HERE, REST = (0.0, 0.0), (0.0, 0.0)

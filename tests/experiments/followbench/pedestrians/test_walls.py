@@ -4,7 +4,7 @@ import math
 
 import pytest
 from mecazen.config.world import Box, Cylinder
-from mecazen_people.manners.walls import Walls
+from mecazen_experiments.followbench.pedestrians.walls import Walls
 
 BOX = Box(size_m=(2.0, 1.0, 1.0), position_m=(5.0, 0.0), yaw_deg=90.0)
 POLE = Cylinder(size_m=(0.5, 1.0), position_m=(-3.0, 0.0))

@@ -6,9 +6,9 @@ from itertools import pairwise
 import pytest
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D
-from mecazen_people.manners.grid import Grid
-from mecazen_people.manners.planned import STEP_S, Planned
-from mecazen_people.manners.walking import Errand, Other, Outline
+from mecazen_experiments.followbench.pedestrians import STEP_S
+from mecazen_experiments.followbench.pedestrians.grid import Grid
+from mecazen_experiments.followbench.pedestrians.walkers import Errand, Other, Outline, Walkers
 
 RADIUS_M = 0.3
 
@@ -16,7 +16,7 @@ RADIUS_M = 0.3
 def walkers(*ends, manners="orca", obstacles=(), inflation=5, **options):
     errands = [Errand(Pose2D(*start, 0.0), (goal,), **options) for start, goal in ends]
     grid = Grid(obstacles, (0.0, 0.0), (20.0, 20.0), inflation)
-    return Planned(errands, obstacles, RADIUS_M, manners, grid)
+    return Walkers(errands, obstacles, RADIUS_M, manners, grid)
 
 
 def walk(group, seconds, others=(), dt=STEP_S):
@@ -24,7 +24,7 @@ def walk(group, seconds, others=(), dt=STEP_S):
     places = []
     for k in range(1, round(seconds / dt) + 1):
         group.step(k * dt, dt, others)
-        places.append([motion.pose[:2] for motion in group.motions])
+        places.append([state[:2] for state in group.states])
     return places
 
 
@@ -73,25 +73,6 @@ def test_who_touches_something_stands_for_a_step_and_then_creeps():
     assert min(moved) > 0.0
 
 
-def test_between_two_choices_walkers_keep_their_velocities():
-    whole, fine = (walkers(((2.0, 5.0), (12.0, 5.0))) for _ in range(2))
-    walk(whole, 2.0)
-    walk(fine, 2.0, dt=STEP_S / 5)
-    assert whole.motions[0].pose[:2] == pytest.approx(fine.motions[0].pose[:2], abs=0.02)
-
-
-def test_a_limited_acceleration_takes_a_walker_from_rest_to_speed_over_several_choices():
-    errand = Errand(Pose2D(2.0, 5.0, 0.0), ((12.0, 5.0),), plans=False)
-    grid = Grid([], (0.0, 0.0), (20.0, 20.0), 0)
-    group, dt = Planned([errand], [], RADIUS_M, "orca", grid, acceleration=3.0), STEP_S / 5
-    x = [place[0] for (place,) in walk(group, 1.0, dt=dt)]
-    speeds = [(b - a) / dt for a, b in pairwise([2.0, *x])]
-    changes = [b - a for a, b in pairwise([0.0, *speeds])]
-    assert max(changes) <= 3.0 * dt + 1e-9  # rounding
-    assert speeds[24] == pytest.approx(1.5)  # 0.5 s at 3 m/s², reached by equal changes
-    assert speeds[23] < 1.5 - 1e-9
-
-
 def test_a_walker_starts_after_the_others():
     group = walkers(((2.0, 5.0), (12.0, 5.0)), start_after=1.0)
     places = walk(group, 2.0)
@@ -100,7 +81,7 @@ def test_a_walker_starts_after_the_others():
 
 
 def test_an_endless_errand_returns_to_its_first_goal():
-    group = Planned(
+    group = Walkers(
         [Errand(Pose2D(2.0, 5.0, 0.0), ((6.0, 5.0), (2.0, 5.0)), endless=True, within=0.3)],
         [],
         RADIUS_M,
