@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from mecazen.drive import Array
 from mecazen.graph import NODES
 from mecazen.keys import Topic
 from mecazen.messages import Float, Message
 from mecazen.node import Inputs, Outputs, Tick
-from mecazen_follower.node import FollowerNode
-from mecazen_follower.planner.mppi import Problem
-from mecazen_follower.planner.rollout import Rollout
+from mecazen_follower.node import FollowerNode, data_sheet, make_planner
+from mecazen_follower.planner.costs import Rollout, Situation
+from mecazen_follower.planner.mppi import Planner
 
 PROGRAM = f"{Path(__file__)}:PlanningFollower"
 
@@ -33,6 +33,19 @@ class Ways(Message):
 WAYS = Topic("follower/ways", Ways, "ways between which the planner has chosen")
 
 
+class RememberingPlanner(Planner):
+    """The planner, which keeps the paths of its last search."""
+
+    paths: Ways | None = None
+
+    def search(self, nominal: Array, situation: Situation) -> tuple[Rollout, Array]:
+        """Return the paths and their costs, and keep the paths."""
+        paths, costs = super().search(nominal, situation)
+        x, y = (tuple(axis.T.ravel().tolist()) for axis in (paths.x, paths.y))
+        self.paths = Ways(x, y, len(costs), int(np.argmin(costs)))
+        return paths, costs
+
+
 class PlanningFollower(FollowerNode):
     """The follower with its planner, which publishes the planner's paths."""
 
@@ -41,21 +54,13 @@ class PlanningFollower(FollowerNode):
     def reset(self, seed: int) -> None:
         """Begin a run."""
         super().reset(seed)
-        self._new: Ways | None = None
-        planner = self.following.planner
-        assert planner is not None
-        search = planner.search
-
-        def keep(problem: Problem) -> tuple[Rollout, Any]:
-            found, costs = search(problem)
-            x, y = (tuple(axis.T.ravel().tolist()) for axis in (found.x, found.y))
-            self._new = Ways(x, y, len(costs), int(np.argmin(costs)))
-            return found, costs
-
-        planner.search = keep
+        sheet = data_sheet(self.scenario)
+        self.following.planner = make_planner(self.scenario, sheet, seed, RememberingPlanner)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the outputs of the follower, and paths in ticks with a new plan."""
         outputs = super().step(tick, inputs)
-        new, self._new = self._new, None
-        return outputs if new is None else {WAYS: new, **outputs}
+        planner = self.following.planner
+        assert isinstance(planner, RememberingPlanner)
+        paths, planner.paths = planner.paths, None
+        return outputs if paths is None else {WAYS: paths, **outputs}

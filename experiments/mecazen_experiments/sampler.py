@@ -12,30 +12,35 @@ from itertools import product
 
 import numpy as np
 from mecazen.drive import Array
-from mecazen_follower.node import FollowerNode
-from mecazen_follower.planner.mppi import STEPS, Problem
-from mecazen_follower.planner.rollout import Rollout
+from mecazen_follower.node import FollowerNode, data_sheet, make_planner
+from mecazen_follower.planner.costs import Rollout, Situation
+from mecazen_follower.planner.mppi import STEPS, Planner
 
 SPEEDS_M_S = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
 DIRECTIONS = 16
 TURNS_RAD_S = (-2.0, -1.2, -0.6, -0.2, 0.0, 0.2, 0.6, 1.2, 2.0)
 
 
-class Window:
-    """Twists along odom's axes, each constant."""
+def twists() -> Array:
+    """Return twists along odom's axes, each constant (STEPS, 3, n)."""
+    headings = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
+    rows = [
+        (speed * np.cos(heading), speed * np.sin(heading), turn)
+        for speed, heading, turn in product(SPEEDS_M_S, headings, TURNS_RAD_S)
+    ]
+    return np.tile(np.array(rows, np.float32).T, (STEPS, 1, 1))
 
-    def __init__(self) -> None:
-        headings = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-        twists = [
-            (speed * np.cos(heading), speed * np.sin(heading), turn)
-            for speed, heading, turn in product(SPEEDS_M_S, headings, TURNS_RAD_S)
-        ]
-        self._commands = np.tile(np.array(twists, np.float32).T, (STEPS, 1, 1))
 
-    def plan(self, problem: Problem) -> tuple[Rollout, Array]:
+class WindowPlanner(Planner):
+    """Our planner with constant twists in the samples' place."""
+
+    commands = twists()
+
+    def search(self, nominal: Array, situation: Situation) -> tuple[Rollout, Array]:
         """Return all paths and their costs, independent of the nominal paths."""
-        ways = problem.roll(self._commands)
-        return ways, problem.cost(ways)
+        del nominal
+        paths = self.roll(self.commands)
+        return paths, self.costs.of(paths, situation)
 
 
 class SamplerFollower(FollowerNode):
@@ -44,5 +49,5 @@ class SamplerFollower(FollowerNode):
     def reset(self, seed: int) -> None:
         """Begin a run."""
         super().reset(seed)
-        if self.following.planner is not None:
-            self.following.planner.search = Window().plan
+        sheet = data_sheet(self.scenario)
+        self.following.planner = make_planner(self.scenario, sheet, seed, WindowPlanner)

@@ -13,7 +13,7 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.wheels import MecanumKinematics
 from mecazen_experiments.run import observe
-from mecazen_follower.planner.rollout import follow, roll
+from mecazen_follower.planner.mppi import roll
 from mecazen_tools.simulate import simulate
 
 SIDE = (
@@ -70,7 +70,7 @@ def test_a_rollout_goes_where_the_controllers_limits_let_the_robot_go(decelerati
     # along odom's axes: off at full speed, sideways as well, then to rest
     commands = np.array([[1.5, 0.0, 0.0]] * 3 + [[0.3, 0.9, 0.8]] * 3 + [[0.0, 0.0, 0.0]] * 2)
     able = MotionLimits(drive, 5.0, dt, 1)
-    way = roll(0.3, Twist2D(0.2), steps, able, follow(commands[..., None]))
+    way = roll(0.3, Twist2D(0.2), steps, able, lambda k, *_: commands[k, :, None])
 
     state = (LimiterState(0.2), LimiterState(), LimiterState())
     robot = Pose2D(yaw=0.3)

@@ -10,16 +10,15 @@ from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import LaserScan
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.planner.costs import Extents, Sight, Situation
-from mecazen_follower.planner.field import Shadows
-from mecazen_follower.planner.planner import Planner
-from mecazen_follower.planner.rollout import Rollout
+from mecazen_follower.planner.costs import Extents, Rollout, SensorView, Situation
+from mecazen_follower.planner.mppi import Planner
+from mecazen_follower.planner.surroundings import Shadows
 from mecazen_follower.polar import FieldOfView, PolarController
 
 SCENARIO = Scenario(robot=load_robot())
 DRIVE = Drive.from_scenario(SCENARIO)
 BODY = Extents(*SCENARIO.robot.footprint, person=0.2)
-CAMERA = Sight(0.0, math.radians(37.5), 3.86)
+CAMERA = SensorView(0.0, math.radians(37.5), 3.86)
 NO_NOISE = ((0.0,) * 3,) * 3
 BEAMS, LEG = 360, 0.06
 TICK = 0.05
@@ -63,9 +62,9 @@ def scan(lidar, circles, walls=(), beams=BEAMS, std=0.0):
     )
 
 
-def planner_of(config=None, sight=CAMERA, **settings):
+def planner_of(config=None, view=CAMERA, **settings):
     config = FollowerConfig(planner=PlannerConfig(**{"samples": 400, **settings}), **config or {})
-    return config, Planner(config, DRIVE, BODY, sight, seed=1)
+    return config, Planner(config, DRIVE, BODY, view, seed=1)
 
 
 def standing(place, velocity=(0.0, 0.0)):
@@ -104,15 +103,15 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
 
 
 def still(x, y, yaw=0.0, steps=3):
-    """Return a way of some steps on which a robot stands."""
+    """Return a path of some steps on which a robot stands."""
     poses = [np.full((steps, 1), value) for value in (x, y, math.cos(yaw), math.sin(yaw))]
     return Rollout(*poses, np.zeros((steps, 3, 1)))
 
 
-def scene(points=NOTHING, person=(0.0, 0.0, 0.0), goal=(-1.2, 0.0, 0.0), steps=3):
-    """Return a person who stands, and what else stands."""
+def situation(points=NOTHING, person=(0.0, 0.0, 0.0), goal=(-1.2, 0.0, 0.0), steps=3, walkers=None):
+    """Return a person who stands, and what else is there."""
     places = np.tile(person, (steps, 1))
     hiding = np.broadcast_to(points, (steps, *points.shape))
     shadows = Shadows(places[:, :2], hiding, np.full(len(points), 0.05))
-    goals = np.tile(goal, (steps, 1))
-    return Situation(places, goals, np.empty((steps, 0, 2)), points, shadows)
+    walkers = np.empty((steps, 0, 2)) if walkers is None else walkers
+    return Situation(places, np.tile(goal, (steps, 1)), walkers, points, shadows)

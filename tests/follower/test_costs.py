@@ -1,45 +1,113 @@
-"""The cost of a path, by hand."""
+"""The costs of paths, what blocks them and what they give up, by hand."""
 
 import math
 
 import numpy as np
 import pytest
-from follower.rooms import BODY, CAMERA, scene, still
-from mecazen.config.follower import PRIORITIES
-from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs, Sight
-from mecazen_follower.planner.field import CELL_M
+from follower.rooms import BODY, CAMERA, NOTHING, situation, still
+from mecazen.config.follower import PlannerConfig
+from mecazen.geometry import Standoff
+from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs, SensorView
+from mecazen_follower.planner.surroundings import CELL_M, DistanceField, Shadows
+
+BEHIND = Standoff(1.2, math.pi, 0.0)
+CONFIG = PlannerConfig(clearance_m=0.12)
+ALL_AROUND = Costs(CONFIG, BEHIND, BODY, SensorView())
 
 
-def test_a_way_costs_what_it_gives_up_by_the_priorities():
-    costs = Costs(PRIORITIES, 1.2, 0.12, BODY, CAMERA)
-    assert costs.weights == pytest.approx(
-        {"distance": 27.0, "visibility": 9.0, "bearing": 3.0, "heading": 1.0}
-    )
-    assert costs.of(still(-1.2, 0.0), scene()) == pytest.approx(0.0, abs=1e-9)
+def test_a_path_costs_what_it_gives_up_by_the_priorities():
+    costs = Costs(CONFIG, BEHIND, BODY, CAMERA)
+    assert costs.weights == {"distance": 27.0, "visibility": 9.0, "bearing": 3.0, "heading": 1.0}
+    assert costs.of(still(-1.2, 0.0), situation()) == pytest.approx(0.0, abs=1e-9)
     # 0.25 m too far: (0.25/0.5)² of 27
-    assert costs.of(still(-1.45, 0.0), scene()) == pytest.approx(27.0 * (0.25 / DISTANCE_M) ** 2)
+    too_far = costs.of(still(-1.45, 0.0), situation())
+    assert too_far == pytest.approx(27.0 * (0.25 / DISTANCE_M) ** 2)
     # beyond 0.5 m in proportion: 2·(1.5/0.5) - 1
-    assert costs.of(still(-2.7, 0.0), scene()) == pytest.approx(27.0 * 5.0)
-    # at the side, facing them: 2(1 - cos 90°) of bearing and of heading
-    assert costs.of(still(0.0, 1.2, -math.pi / 2), scene()) == pytest.approx(2.0 * (3.0 + 1.0))
+    assert costs.of(still(-2.7, 0.0), situation()) == pytest.approx(27.0 * 5.0)
+    # at the side, facing the person: 2(1 - cos 90°) of bearing and of heading
+    beside = costs.of(still(0.0, 1.2, -math.pi / 2), situation())
+    assert beside == pytest.approx(2.0 * (3.0 + 1.0))
     # turned away by 60°, out of view, heading 2(1 - cos 60°)
-    assert costs.of(still(-1.2, 0.0, math.pi / 3), scene()) == pytest.approx(9.0 + 1.0)
+    assert costs.of(still(-1.2, 0.0, math.pi / 3), situation()) == pytest.approx(9.0 + 1.0)
     # hidden by a pillar half way; it is 0.6 m away, nothing near
     pillar = np.array([[-0.6, 0.0]])
-    assert costs.of(still(-1.2, 0.0), scene(pillar)) == pytest.approx(9.0)
+    assert costs.of(still(-1.2, 0.0), situation(pillar)) == pytest.approx(9.0)
     commands = np.zeros((3, 3, 1))
     commands[1:, 0] = 2.0
     jumping = still(-1.2, 0.0)._replace(commands=commands)
-    assert costs.of(jumping, scene()) == pytest.approx(JERKY * 2.0**2)
+    assert costs.of(jumping, situation()) == pytest.approx(JERKY * 2.0**2)
 
 
-def test_half_the_clearance_costs_a_quarter_of_contact_and_touching_more_than_all_else():
-    costs = Costs(PRIORITIES, 1.2, 0.12, BODY, Sight())
-    beside = BODY.width / 2 + BODY.disc  # as far as a quarter's disc reaches
-    at = {gap: scene(np.array([[-1.2 - BODY.length / 2, beside + gap]])) for gap in (-0.06, 0.06)}
-    near = costs.of(still(-1.2, 0.0), at[0.06])[0]
+def test_half_the_clearance_costs_a_quarter_of_contact():
+    beside = BODY.width / 2 + math.hypot(BODY.length, BODY.width) / 2  # a quarter's disc
+    near, touching = (
+        ALL_AROUND.of(
+            still(-1.2, 0.0), situation(np.array([[-1.2 - BODY.length / 2, beside + gap]]))
+        )[0]
+        for gap in (0.06, -0.06)
+    )
     # the field is exact to half a cell's diagonal
     off = CELL_M / math.sqrt(2.0)
-    low, high = (NEAR * (1.0 - (0.06 + e) / 0.12) ** 2 for e in (off, -off))
+    low, high = (NEAR * (1.0 - (0.06 + error) / 0.12) ** 2 for error in (off, -off))
     assert low <= near <= high
-    assert costs.of(still(-1.2, 0.0), at[-0.06])[0] > 1e4
+    assert touching > 1e4
+
+
+def test_the_field_has_the_nearest_distance_and_shadows_lie_behind():
+    points = np.array([[1.0, 0.5], [-2.0, 1.0]])
+    corners = np.full(2, -2.0), np.full(2, 1.0)
+    field = DistanceField(points, *corners)
+    for x, y in ((0.0, 0.0), (1.0, 0.5), (-1.7, 0.3)):
+        exact = min(math.dist((x, y), point) for point in points)
+        assert field.distance(np.array([x]), np.array([y]))[0] == pytest.approx(exact, abs=CELL_M)
+    assert np.isinf(DistanceField(NOTHING, *corners).distance(np.zeros(1), np.zeros(1)))
+    shadows = Shadows(np.zeros((1, 2)), points[None], np.full(2, 0.05))
+    x, y = np.array([[2.0, 0.8, 2.0, -4.0]]), np.array([[1.0, 0.4, 0.0, 2.0]])
+    # beyond the first, before it, beside it, beyond the second
+    assert shadows.hide(x, y, np.hypot(x, y)).tolist() == [[True, False, False, True]]
+
+
+def blocked(points=NOTHING, walkers=None, evades=False):
+    """Return what blocks a robot at the origin, whose person is 1.2 m ahead."""
+    around = situation(points, person=(1.2, 0.0, 0.0), walkers=walkers)
+    return ALL_AROUND.blocked(still(0.0, 0.0), around, 0.25, evades=evades)
+
+
+def test_points_walkers_and_shadows_block_a_path():
+    beside = np.array([[0.0, -BODY.width - 0.13]])
+    assert blocked(beside) == ""
+    assert blocked(beside, evades=True) == "an obstacle is in the way in 0.2 s"  # of 0.25
+    near = BODY.circle + 0.1
+    coming = np.array([[[0.0, 3.0]], [[0.0, near]], [[0.0, near]]])
+    assert blocked(walkers=coming) == "a walker crosses the path in 0.5 s"
+    assert blocked(walkers=coming[:1].repeat(3, axis=0)) == ""
+    assert blocked(np.array([[0.8, 0.0]])) == "the person would be hidden in 0.2 s"
+
+
+def plan(person, path=None, last="open", points=NOTHING):
+    return ALL_AROUND.plan(path or still(0.0, 0.0), situation(points, person), "a wall", last)
+
+
+@pytest.mark.parametrize(
+    ("judged", "state"),
+    [
+        (plan((1.2, 0.0, 0.0)), "avoiding"),
+        (plan((1.7, 0.0, 0.0)), "waiting"),
+        (plan((2.2, 0.0, 0.0), still(0.5, 0.0)), "gave_up_distance"),
+        (plan((1.2, 0.0, 0.0), points=np.array([[0.6, 0.0]])), "gave_up_visibility"),
+        (plan((1.2, 0.0, 0.6), still(0.0, 0.0, 0.6)), "gave_up_bearing"),
+        (plan((1.2, 0.0, 0.0), still(0.0, 0.0, 0.6)), "gave_up_heading"),
+    ],
+)
+def test_a_plan_has_the_name_of_what_it_gives_up(judged, state):
+    assert judged == (state, "a wall")
+
+
+@pytest.mark.parametrize("last", ["avoiding", "gave_up_bearing"])
+def test_a_priority_is_regained_at_half_the_error(last):
+    def aside(degrees):
+        angle = math.radians(degrees)
+        return plan((1.2 * math.cos(angle), 1.2 * math.sin(angle), 0.0), last=last).state
+
+    assert aside(20.0) == last  # of 30
+    assert aside(14.0) == "avoiding"

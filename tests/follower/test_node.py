@@ -22,8 +22,7 @@ from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.pid import PoseController
-from mecazen_follower.planner import planner as planning
-from mecazen_follower.planner.mppi import Mppi
+from mecazen_follower.planner import mppi
 from mecazen_follower.tracking import PersonTracker
 
 NEXUS = load_robot()
@@ -220,8 +219,8 @@ def test_after_a_gap_in_which_the_person_would_be_lost_they_are_looked_for_anew(
 
 
 def test_after_a_gap_the_planner_keeps_the_seed_of_the_run(monkeypatch):
-    seeds = []
-    monkeypatch.setattr(planning, "Mppi", lambda _, seed: seeds.append(seed) or Mppi(100, seed))
+    seeds, noise = [], mppi.noise
+    monkeypatch.setattr(mppi, "noise", lambda _, seed: seeds.append(seed) or noise(100, seed))
     follower = Follower(planner=PlannerConfig())
     follower.reset(7)
     for tick in (0, 10_000):  # 100 s: the person is lost after 2 s

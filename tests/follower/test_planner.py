@@ -3,6 +3,7 @@
 import math
 from collections import deque
 
+import numpy as np
 import pytest
 from follower.rooms import BODY, DRIVE, TICK, follow, legs, planner_of, scan, standing, wall
 from mecazen.config import SensorConfig
@@ -10,31 +11,40 @@ from mecazen.config.follower import PidControl
 from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
 from mecazen_follower.following import Following
 from mecazen_follower.measurement import Measurement
-from mecazen_follower.planner.modes import Prediction, Trail, goals_of
+from mecazen_follower.planner.surroundings import MEMORY_S, LocalMap
 from mecazen_follower.tracking import Frame
 
 ORIGIN = Pose2D()
 SURE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))
 
 
-def test_the_trail_leads_round_the_corner_that_the_person_took():
-    trail = Trail()
-    for k in range(17):
-        trail.add(Pose2D(0.125 * k, 0.0), 1.2)
-    for k in range(1, 5):
-        trail.add(Pose2D(2.0, 0.125 * k), 1.2)
-    robot = Pose2D(0.5, 0.0)
-    person = Prediction.of(standing((2.0, 0.6, math.pi / 2), (0.0, 0.4)), robot, 4, 0.25)
-    goals = goals_of(Standoff(1.2, math.pi, 0.0), person, trail.points(robot))
-    place = goals.poses[0, :, -2]  # the trail; the last one is to stay
-    # after a step they are at (2, 0.7): 1.2 m before that on their way is (1.5, 0)
-    assert place[:2] == pytest.approx((1.0, 0.0))
-    facing = math.atan2(0.7, 0.5)
-    assert math.remainder(place[2] - facing, math.tau) == pytest.approx(0.0, abs=1e-9)
-    assert goals.velocities[0, :2, -2] == pytest.approx((0.4, 0.0))
-    assert goals.poses[0, :2, -1] == pytest.approx((0.0, 0.0))
-    # besides the place to keep, which is behind, and two aside
-    assert goals.poses.shape == (4, 3, 5)
+def test_the_map_has_pillars_and_walls_and_no_legs():
+    around = LocalMap()
+    person = Pose2D(1.5, 0.0)
+    around.see(0.0, scan(ORIGIN, [*legs(1.5, 0.0), (1.0, 1.5, 0.15)]), ORIGIN, person)
+    points = around.standing(ORIGIN)
+    assert len(points) >= 2
+    assert np.hypot(*(points - (1.0, 1.5)).T) == pytest.approx(0.15, abs=1e-3)
+    # a wall as near is not taken for a leg
+    around.see(0.1, scan(ORIGIN, wall(0.5, 2.5, 0.3)), ORIGIN, person)
+    assert len(around.standing(ORIGIN)) > 10  # of 2 m, a point each 10 cm; aslant less
+
+
+def test_hidden_points_are_remembered_for_a_while():
+    pillar, removed, screen = (2.0, 0.0, 0.1), (0.0, 2.0, 0.1), (1.0, 0.0, 0.2)
+    away = Pose2D(-5.0, 0.0)
+    around = LocalMap()
+
+    def near(place):
+        gaps = np.hypot(*(around.standing(ORIGIN) - place[:2]).T)
+        return bool((gaps < 0.15).any())
+
+    around.see(0.0, scan(ORIGIN, [pillar, removed]), ORIGIN, away)
+    around.see(0.1, scan(ORIGIN, [screen]), ORIGIN, away)
+    assert near(pillar)
+    assert not near(removed)
+    around.see(MEMORY_S + 0.1, scan(ORIGIN, [screen]), ORIGIN, away)
+    assert not near(pillar)
 
 
 @pytest.mark.parametrize("control", [None, PidControl()])
@@ -51,25 +61,20 @@ def test_with_nobody_near_but_the_person_the_command_is_the_laws_own(control):
     assert config.planner is not None
 
 
-def test_it_says_what_is_in_the_way_and_when():
-    _, planner = planner_of()
-    person = standing((1.0, 0.0, 0.0), (0.5, 0.0))
-    planner.command(0.0, 0.05, person, ORIGIN, Twist2D())
-    planner.see(0.0, scan(ORIGIN, [(0.4, 0.25, 0.1)]), ORIGIN)
-    command = planner.command(0.05, 0.05, person, ORIGIN, Twist2D(0.5))
+def test_the_plan_reports_what_is_in_the_way_and_when():
+    def command():
+        _, planner = planner_of()
+        person = standing((1.0, 0.0, 0.0), (0.5, 0.0))
+        planner.command(0.0, 0.05, person, ORIGIN, Twist2D())
+        planner.see(0.0, scan(ORIGIN, [(0.4, 0.25, 0.1)]), ORIGIN)
+        return planner.command(0.05, 0.05, person, ORIGIN, Twist2D(0.5)), planner
+
+    first, planner = command()
     assert planner.plan.state != "open"
     assert planner.plan.reason.startswith("an obstacle is in the way in ")
     planner.forget()
     assert planner.plan.state == "open"
-    assert command == planner_command_again(person)
-
-
-def planner_command_again(person):
-    """The same from a planner of the same seed."""
-    _, planner = planner_of()
-    planner.command(0.0, 0.05, person, ORIGIN, Twist2D())
-    planner.see(0.0, scan(ORIGIN, [(0.4, 0.25, 0.1)]), ORIGIN)
-    return planner.command(0.05, 0.05, person, ORIGIN, Twist2D(0.5))
+    assert command()[0] == first  # the same seed
 
 
 SIDE = {"view": "side_left", "standoff_m": 1.2}
@@ -150,10 +155,3 @@ def test_robot_person_and_walkers_are_predicted_over_the_same_dead_time(beside):
 
 def walkers_at(x, places):
     return [leg for ahead, left in places for leg in legs(x + ahead, left)]
-
-
-def test_the_same_seed_gives_the_same_way():
-    def run():
-        return [tick[0] for tick in follow(4.0, [(2.0, 1.2, 0.15)], **SIDE)]
-
-    assert run() == run()

@@ -13,8 +13,8 @@ from mecazen.geometry import Pose2D, StandoffErrors, Twist2D, rotate, wrap
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.pid import PoseController
-from mecazen_follower.planner.planner import Planner
-from mecazen_follower.planner.verdict import Plan
+from mecazen_follower.planner.costs import Plan
+from mecazen_follower.planner.mppi import Planner
 from mecazen_follower.polar import ALL_AROUND, UNLIMITED, FieldOfView, PolarController
 from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 

@@ -21,8 +21,8 @@ from msgspec.structs import replace
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
 from mecazen_follower.measurement import Measurement, check
-from mecazen_follower.planner.costs import Extents, Sight
-from mecazen_follower.planner.planner import Planner
+from mecazen_follower.planner.costs import Extents, SensorView
+from mecazen_follower.planner.mppi import Planner
 from mecazen_follower.polar import FieldOfView, kept_view
 from mecazen_follower.tracking import Frame
 
@@ -211,20 +211,22 @@ def data_sheet(scenario: Scenario) -> SensorConfig:
     )
 
 
-def make_planner(scenario: Scenario, sensor: SensorConfig, seed: int) -> Planner | None:
+def make_planner(
+    scenario: Scenario, sensor: SensorConfig, seed: int, kind: type[Planner] = Planner
+) -> Planner | None:
     """Return a new planner for a scenario's robot and its sensor, if one is configured."""
     if scenario.follower.planner is None:
         return None
     half_fov = math.radians(sensor.fov_deg) / 2
     if sensor.kind == "pose":
-        sight = Sight(0.0, half_fov, sensor.max_range_m)
+        view = SensorView(0.0, half_fov, sensor.max_range_m)
     elif sensor.kind == "legs":
-        sight = Sight(0.0, half_fov, scenario.sensors.lidar.max_range_m)
+        view = SensorView(0.0, half_fov, scenario.sensors.lidar.max_range_m)
     else:
         yaw = math.radians(scenario.robot.camera.yaw_deg)
-        sight = Sight(yaw, half_fov, scenario.sensors.tracker.max_range_m)
+        view = SensorView(yaw, half_fov, scenario.sensors.tracker.max_range_m)
     body = Extents(*scenario.robot.footprint, scenario.world.person.radius_m)
-    return Planner(scenario.follower, Drive.from_scenario(scenario), body, sight, seed)
+    return kind(scenario.follower, Drive.from_scenario(scenario), body, view, seed)
 
 
 def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:
