@@ -127,22 +127,22 @@ class ControllerNode(Node):
         self.config, self.joints = scenario.controller, scenario.robot.wheels.joints
         self.kinematics = MecanumKinematics.from_robot(scenario.robot, self.config)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
-        self.drive = self._drive()
         self.tick_s = scenario.sim.tick_s
-        self.timeout_s = scenario.command_timeout_s
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
+        self._read_limits()
 
     def configure(self, scenario: Scenario) -> None:
         """Use the limits and the timeout of a changed scenario from now on."""
         super().configure(scenario)
-        self.drive = self._drive()
-        self.timeout_s = scenario.command_timeout_s
+        self._read_limits()
 
-    def _drive(self) -> Drive:
-        """Return the limits of the robot, for the configured wheel radius and lever."""
-        wheels = self.kinematics
-        rim_speed, axes = self.max_speed * wheels.wheel_radius, axis_limits(self.config.limits)
-        return Drive(rim_speed, abs(wheels.cross_gain), abs(wheels.lever), axes)
+    def _read_limits(self) -> None:
+        """Take the timeouts and limits of the scenario, for the configured radius and lever."""
+        wheels, axes = self.kinematics, axis_limits(self.config.limits)
+        rim_speed = self.max_speed * wheels.wheel_radius
+        self.drive = Drive(rim_speed, abs(wheels.cross_gain), abs(wheels.lever), axes)
+        self.timeout_s = self.scenario.command_timeout_s
+        self.wheel_timeout_s = self.scenario.wheel_timeout_s
 
     def reset(self, seed: int) -> None:
         """Set the robot at rest, without a command."""
@@ -179,7 +179,7 @@ class ControllerNode(Node):
         """
         self.velocity = self.next_velocity
         joins_late = not self.begun and tick.number > 0
-        if joins_late or tick.period_s > self.scenario.wheel_timeout_s + ROUNDING_S:
+        if joins_late or tick.period_s > self.wheel_timeout_s + ROUNDING_S:
             try:
                 measured = wheel_speeds(inputs[JOINT_STATES], self.joints)
             except RefusedError:
