@@ -28,18 +28,27 @@ def product(left: Floats, right: Floats | Sequence[float]) -> Floats:
     return result
 
 
-def inverse(matrix: Floats) -> Floats:
-    """Return the inverse of a symmetric positive definite matrix, by the sweep operator.
+def inverse_and_determinant(matrix: Floats) -> tuple[Floats, Floats]:
+    """Return inverses (..., n, n) and determinants (...) of symmetric positive definite matrices.
 
-    J. H. Goodnight: A tutorial on the SWEEP operator, The American Statistician 33, 1979.
+    The sweep operator of J. H. Goodnight: A tutorial on the SWEEP operator, The American
+    Statistician 33, 1979. The determinant is the product of its pivots.
     """
     swept = matrix.copy()
-    for k in range(len(swept)):
-        pivot, column = swept[k, k], swept[:, k].copy()
-        row = swept[k] / pivot
-        swept -= column[:, None] * row
-        swept[k], swept[:, k], swept[k, k] = row, column / -pivot, 1.0 / pivot
-    return swept
+    determinant = np.ones(matrix.shape[:-2])
+    for k in range(matrix.shape[-1]):
+        pivot, column = swept[..., k, k].copy(), swept[..., :, k].copy()
+        row = swept[..., k, :] / pivot[..., None]
+        swept -= column[..., :, None] * row[..., None, :]
+        swept[..., k, :], swept[..., :, k] = row, column / -pivot[..., None]
+        swept[..., k, k] = 1.0 / pivot
+        determinant *= pivot
+    return swept, determinant
+
+
+def inverse(matrix: Floats) -> Floats:
+    """Return the inverse of a symmetric positive definite matrix (..., n, n)."""
+    return inverse_and_determinant(matrix)[0]
 
 
 def legendre(number: int) -> tuple[Floats, Floats]:

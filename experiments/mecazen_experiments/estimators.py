@@ -5,96 +5,76 @@ A scenario selects them with `programs.follower = "mecazen_experiments.estimator
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from typing import Any, cast
+from collections.abc import Sequence
+from typing import Any
 
-import numpy as np
 from mecazen.config.follower import CtrvParams
 from mecazen_follower.estimators import Array
-from mecazen_follower.estimators.ctrv import TurnRateEstimator, walks_of
-from mecazen_follower.estimators.modes import ModeBank
-from mecazen_follower.estimators.turn_rate import (
+from mecazen_follower.estimators.imm import (
     IDENTITY,
-    OBSERVATION,
-    SEEN,
+    OBSERVED,
     SIZE,
-    YAW,
-    State,
-    Triangle,
-    Walks,
-    move,
+    ExtendedFilter,
+    H,
+    ImmBank,
+    Mode,
+    ctrv,
     process_noise,
-    propagate,
-    triangle,
 )
 from mecazen_follower.node import FollowerNode
 
 
-class Unscented:
-    """An unscented Kalman filter of the state of `turn_rate`.
+class Unscented(ImmBank):
+    """An unscented Kalman filter in place of the extended one; `ahead` is of first order.
 
     Sigma points by R. van der Merwe: Sigma-Point Kalman Filters for Probabilistic Inference
     in Dynamic State-Space Models (2004).
     """
 
-    def __init__(self, walks: Walks, state: Array, covariance: Array) -> None:
+    def __init__(self, modes: Sequence[Mode], sway: float, x: Array, P: Array) -> None:
         from filterpy import kalman  # noqa: PLC0415  # late, since the import takes a second
 
-        self._walks = walks
+        super().__init__(modes, sway, x, P)
         points = kalman.MerweScaledSigmaPoints(SIZE, alpha=0.5, beta=2.0, kappa=0.0)
         self._filter: Any = kalman.UnscentedKalmanFilter(
-            SIZE, SEEN, dt=0.0, hx=lambda x: x[:SEEN], fx=move, points=points
+            SIZE,
+            OBSERVED,
+            dt=0.0,
+            hx=lambda x: x[:OBSERVED],
+            fx=lambda x, dt: ctrv(x, dt)[0],
+            points=points,
         )
-        self._filter.x, self._filter.P = state, covariance
-        self.nis = 0.0
-
-    @property
-    def heading(self) -> float:
-        """The heading [rad], not wrapped."""
-        return float(self._filter.x[YAW])
-
-    @property
-    def state(self) -> Array:
-        """The state (5)."""
-        return np.asarray(self._filter.x)
-
-    @property
-    def covariance(self) -> Array:
-        """The covariance (5, 5) of the state."""
-        return np.asarray(self._filter.P)
+        self._filter.x, self._filter.P = x, P
 
     def predict(self, dt: float) -> None:
         """Propagate by `dt` [s]."""
-        self._filter.Q = process_noise(self._walks, self.state, dt)
+        self._filter.Q = process_noise(self._variances[0].tolist(), self._filter.x, dt)
         self._filter.predict(dt=dt)
+        self._copy()
 
-    def update(self, observation: Array, noise: Array) -> None:
+    def update(self, z: Array, R: Array) -> None:
         """Correct with an observation (3) and its covariance (3, 3)."""
         kf = self._filter
         kf.compute_process_sigmas(0.0)  # around the current state, even without a prediction before
         prediction = kf.P
-        kf.update(observation, R=noise)
-        remaining = IDENTITY - kf.K @ OBSERVATION
+        kf.update(z, R=R)
+        remaining = IDENTITY - kf.K @ H
         # Joseph form, possible since the observation is linear in the state
-        P = remaining @ prediction @ remaining.T + kf.K @ noise @ kf.K.T
+        P = remaining @ prediction @ remaining.T + kf.K @ R @ kf.K.T
         kf.P = (P + P.T) / 2.0
         self.nis = float(kf.y @ kf.SI @ kf.y)
+        self._copy()
 
-    def ahead(self, dt: float) -> tuple[State, Triangle]:
-        """Return state and covariance `dt` [s] later, to first order."""
-        return propagate(tuple(self.state.tolist()), triangle(self.covariance), self._walks, dt)
+    def _copy(self) -> None:
+        self.x, self.P = self._filter.x[None], self._filter.P[None]
+        self._combined = None
 
 
-class UnscentedFilter(TurnRateEstimator, name="ukf_ctrv", params=CtrvParams):
+class UnscentedFilter(ExtendedFilter, name="ukf_ctrv", params=CtrvParams):
     """An unscented Kalman filter of constant turn rate and velocity."""
 
-    def __init__(self, params: CtrvParams) -> None:
-        super().__init__(params)
-        # `Unscented` has all used methods of `ModeBank`
-        self._begin = cast(
-            "Callable[[Array, Array], ModeBank]", partial(Unscented, walks_of(params))
-        )
+    def _begin(self, x: Array, P: Array) -> ImmBank:
+        return Unscented((self._mode,), self._sway, x, P)
 
 
 class Follower(FollowerNode):

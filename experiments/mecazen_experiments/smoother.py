@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from mecazen.geometry import Pose2D
-from mecazen_follower.estimators import turn_rate as ctrv
+from mecazen_follower.estimators.imm import OBSERVED, SIZE, YAW, V, X, Y, ctrv, process_noise
 
 from mecazen_experiments.table import Floats, Poses, wrap
 
@@ -27,28 +27,31 @@ class Sight(NamedTuple):
 
 
 def smooth(
-    sights: Sequence[Sight], walks: ctrv.Walks, speed_std: float = 1.0, rate_std: float = 0.5
+    sights: Sequence[Sight], walks: Sequence[float], speed_std: float = 1.0, rate_std: float = 0.5
 ) -> Floats:
-    """Return the smoothed states (n, 5) of `turn_rate` at the times of `sights`, n >= 1.
+    """Return the smoothed states (n, 5) of `estimators.imm` at the times of `sights`, n >= 1.
 
     Rauch, Tung, Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA
     Journal 3 (1965), on an extended Kalman filter. `speed_std` [m/s] and `rate_std` [rad/s] are the
     deviations of the first state.
     """
+    variances = np.square(walks).tolist()
     x = np.array([*sights[0].pose, 0.0, 0.0])
-    P = np.zeros((ctrv.SIZE, ctrv.SIZE))
-    P[: ctrv.SEEN, : ctrv.SEEN] = sights[0].covariance
-    P[range(ctrv.SEEN, ctrv.SIZE), range(ctrv.SEEN, ctrv.SIZE)] = speed_std**2, rate_std**2
+    P = np.zeros((SIZE, SIZE))
+    P[:OBSERVED, :OBSERVED] = sights[0].covariance
+    P[V:, V:] = np.diag([speed_std**2, rate_std**2])
     filtered, predicted = [(x, P)], []
     for last, sight in pairwise(sights):
         dt = sight.time - last.time
-        F = ctrv.jacobian(x, dt)
-        P = F @ P @ F.T + ctrv.process_noise(walks, x, dt)
-        x = ctrv.move(x, dt)
+        Q = process_noise(variances, x, dt)
+        x, F = ctrv(x, dt)
+        P = F @ P @ F.T + Q
         predicted.append((x, P, F))
-        K = P[:, : ctrv.SEEN] @ np.linalg.inv(P[: ctrv.SEEN, : ctrv.SEEN] + sight.covariance)
-        x = x + K @ (ctrv.unwrap_yaw(float(x[ctrv.YAW]), sight.pose) - x[: ctrv.SEEN])
-        P = P - K @ P[: ctrv.SEEN]
+        K = P[:, :OBSERVED] @ np.linalg.inv(P[:OBSERVED, :OBSERVED] + sight.covariance)
+        innovation = np.array(sight.pose) - x[:OBSERVED]
+        innovation[YAW] = math.remainder(innovation[YAW], math.tau)
+        x = x + K @ innovation
+        P = P - K @ P[:OBSERVED]
         P = (P + P.T) / 2.0
         filtered.append((x, P))
     smoothed = [filtered[-1][0]]
@@ -75,8 +78,8 @@ def least_errors(sights: Sequence[Sight], truth: Poses) -> tuple[float, float]:
     errors = []
     for walks in LEVELS:
         states = smooth(sights, walks)
-        position = np.hypot(states[:, ctrv.X] - truth.x, states[:, ctrv.Y] - truth.y).mean()
-        yaw = np.abs(wrap(states[:, ctrv.YAW] - truth.yaw)).mean()
+        position = np.hypot(states[:, X] - truth.x, states[:, Y] - truth.y).mean()
+        yaw = np.abs(wrap(states[:, YAW] - truth.yaw)).mean()
         errors.append((float(position), math.degrees(yaw)))
     positions, yaws = zip(*errors, strict=True)
     return min(positions), min(yaws)

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mecazen.portable import arctan2, exp, inverse, legendre, product, tan
+from mecazen.portable import (
+    arctan2,
+    exp,
+    inverse,
+    inverse_and_determinant,
+    legendre,
+    product,
+    tan,
+)
 
 ROOT = Path(__file__).parents[2]
 COMPUTES_TRAJECTORIES = (
@@ -53,11 +61,15 @@ def test_a_product_is_the_matrix_product(left, right):
 
 
 @pytest.mark.parametrize("size", [1, 3, 8])
-def test_the_inverse_of_a_covariance_times_it_is_the_identity(size):
-    root = np.random.default_rng(size).standard_normal((size, size))
-    covariance = root @ root.T + np.eye(size)
+def test_inverses_and_determinants_of_covariances(size):
+    root = np.random.default_rng(size).standard_normal((2, size, size))
+    covariances = root @ root.swapaxes(1, 2) + np.eye(size)
+    inverses, determinants = inverse_and_determinant(covariances)
     # the condition number is below 100
-    assert product(inverse(covariance), covariance) == pytest.approx(np.eye(size), abs=1e-13)
+    identities = np.broadcast_to(np.eye(size), covariances.shape)
+    assert product(inverses, covariances) == pytest.approx(identities, abs=1e-13)
+    assert determinants == pytest.approx(np.linalg.det(covariances), rel=1e-12)
+    assert (inverse(covariances[0]) == inverses[0]).all()
 
 
 @pytest.mark.parametrize("number", [1, 2, 32])

@@ -7,7 +7,7 @@ from harness import SCENARIOS
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.estimators import Follower
-from mecazen_follower.estimators.turn_rate import move
+from mecazen_follower.estimators.imm import ctrv
 from scipy.stats import chi2
 
 UKF = "ukf_ctrv"
@@ -27,7 +27,7 @@ def test_it_agrees_with_the_extended_filter_where_the_noise_is_small():
     filters = [make(name, **MATCHED) for name in ("ekf_ctrv", UKF)]
     state = np.array([0.0, 0.0, 0.0, 0.8, 0.5])
     for _ in range(250):
-        state = move(state, FRAME_S)
+        state, _ = ctrv(state, FRAME_S)
         seen = state[:3] + 0.001 * rng.normal(size=3)
         for estimator in filters:
             frame(estimator, seen, np.eye(3) * 0.001**2)

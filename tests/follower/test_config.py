@@ -48,7 +48,7 @@ def test_effective_configuration_loads_to_the_same(kind):
             {"estimator": "kf_cv", "estimator_params": {"gain": 1.0}},
             "kf_cv has no parameter gain, allowed: position_std_m, ",
         ),
-        ({"estimator": "imm", "estimator_params": {"noise_memory_s": -1.0}}, "noise_memory_s"),
+        ({"estimator": "imm", "estimator_params": {"sway_m_sqrt_m": -1.0}}, "sway_m_sqrt_m"),
         ({"estimator_params": {"position_std_m": 0.0}}, "position_std_m"),
         ({"standoff_m": 0.0}, "standoff_m"),
         ({"coast_after_s": 2.0}, "lost_after_s = 2 must be above coast_after_s = 2"),

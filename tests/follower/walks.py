@@ -6,8 +6,7 @@ import numpy as np
 from mecazen.config.follower import AngularGains, LinearGains, PidControl
 from mecazen.geometry import Pose2D, wrap
 from mecazen_follower.estimators import make_estimator
-from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK
-from mecazen_follower.estimators.turn_rate import move, process_noise
+from mecazen_follower.estimators.imm import MIN_STEP, ctrv, process_noise
 
 DT = 0.01
 ORIGIN = Pose2D()
@@ -54,13 +53,13 @@ def frame(estimator, pose, noise=NOISE):
 def simulate_turning(seconds, rng, name="ekf_ctrv"):
     """Yield truth, estimate and NIS after each frame; the truth moves as the filter thinks."""
     estimator = make(name, **MATCHED)
-    walks = np.array([MATCHED["sway_m_sqrt_m"], MIN_POSITION_WALK, 0.0, 0.3, 0.3])
+    variances = np.square([MATCHED["sway_m_sqrt_m"], MIN_STEP, 0.0, 0.3, 0.3])
     state = rng.normal(size=5) * [5.0, 5.0, 2.0, 1.0, 0.5]
     for _ in range(round(seconds / FRAME_S)):
         frame(estimator, state[:3] + rng.normal(size=3) * np.sqrt(np.diag(NOISE)))
         yield state[:3], estimator.estimate, estimator.nis
-        root = np.linalg.cholesky(process_noise(walks, state, FRAME_S))
-        state = move(state, FRAME_S) + root @ rng.normal(size=5)
+        root = np.linalg.cholesky(process_noise(variances, state, FRAME_S))
+        state = ctrv(state, FRAME_S)[0] + root @ rng.normal(size=5)
 
 
 def total_nees(simulate, runs):

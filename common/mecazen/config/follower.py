@@ -49,8 +49,6 @@ class TurnRateParams(Params):
 
     sway_m_sqrt_m: Positive = 0.03
     """Isotropic random walk of the position: its standard deviation after 1 m walked."""
-    noise_memory_s: NonNegative = 0.0
-    """Time constant of learning the sensor's noise; at 0 the reported noise is used."""
 
 
 class CtrvParams(TurnRateParams):

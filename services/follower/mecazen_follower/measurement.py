@@ -11,7 +11,6 @@ from mecazen.limits import FARTHEST_M
 from mecazen.messages import PlanarCovariance
 
 from mecazen_follower.estimators.base import MIN_NOISE
-from mecazen_follower.estimators.symmetric import is_positive
 
 NO_HEADING = 100.0
 """Minimum variance of a heading that is not observed [rad²]."""
@@ -52,7 +51,17 @@ def check(measurement: Measurement) -> Measurement:
         for one, other in ((xy, yx), (xw, wx), (yw, wy))
     )
     least, kept = float(MIN_NOISE[0, 0]), 1.0 - MARGIN
-    lower = (xx * kept + least, xy, xw), (yx, yy * kept + least, yw), (wx, wy, ww * kept + least)
-    if not (symmetric and is_positive(lower)):
+    variances = xx * kept + least, yy * kept + least, ww * kept + least
+    if not (symmetric and _is_positive(*variances, yx, wx, wy)):
         raise RefusedError("covariance of an observation must be symmetric and positive")
     return measurement
+
+
+def _is_positive(xx: float, yy: float, ww: float, yx: float, wx: float, wy: float) -> bool:
+    """Return whether a symmetric matrix is positive definite, by Gaussian elimination."""
+    if xx <= 0.0:
+        return False
+    yy -= yx / xx * yx
+    wy -= wx / xx * yx
+    ww -= wx / xx * wx
+    return yy > 0.0 and ww - wy / yy * wy > 0.0

@@ -1,120 +1,331 @@
-"""The interacting multiple model (IMM) filter of a walking person."""
+"""The interacting multiple model (IMM) filter of a walking person, and its extended Kalman filter.
+
+All modes have the state (x, y, yaw, v, w) in odom: position [m], heading [rad], speed along the
+heading [m/s] and turn rate [rad/s]. The model is constant turn rate and velocity (CTRV): people
+walk in the direction of their heading, so the direction of motion determines the heading. The
+heading is not wrapped, so that states can be averaged.
+
+BSLK below is Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
+from typing import NamedTuple
 
-from mecazen.config.follower import ImmParams
+import numpy as np
+from mecazen.config.follower import CtrvParams, TurnRateParams
+from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.portable import exp, inverse_and_determinant, product
 
-from mecazen_follower.estimators.base import Array
-from mecazen_follower.estimators.ctrv import MIN_POSITION_WALK, TurnRateEstimator
-from mecazen_follower.estimators.modes import Mode, ModeBank
-from mecazen_follower.estimators.turn_rate import YAW
+from mecazen_follower.estimators.base import (
+    INITIAL_SPEED_STD_M_S,
+    INITIAL_YAW_RATE_STD_RAD_S,
+    Array,
+    Estimate,
+    Estimator,
+    as_tuple,
+)
 
+SIZE = 5
+X, Y, YAW, V, W = range(SIZE)
+OBSERVED = 3
+"""Size of the observation: the first three components of the state."""
+H: Array = np.eye(OBSERVED, SIZE)
+"""The observation matrix."""
+IDENTITY: Array = np.eye(SIZE)
+
+MAX_STEP_S = 0.1
+"""Longest step [s] for the first-order approximations of motion, noise and mode changes."""
+SMALL_ANGLE = 1e-3
+"""Angle [rad] below which the derivative of sin(a)/a is computed by its series."""
+MIN_WEIGHT = 1e-100
+"""Lower bound of a mode's probability before normalisation: two outliers could zero all modes."""
+
+
+class Mode(NamedTuple):
+    """A mode of motion; random walks are given by their standard deviations after 1 s."""
+
+    step: float
+    """Random walk of the position, since people step aside [m]."""
+    heading: float
+    """Random walk of the heading [rad]."""
+    speed: float
+    """Random walk of the speed [m/s]."""
+    turn_rate: float
+    """Random walk of the turn rate [rad/s]."""
+    sojourn_s: float = 1.0
+    """Mean sojourn time."""
+    fading_1_s: float = 0.0
+    """Decay of the turn rate, since people who walk swing about their direction."""
+    moves: float = 1.0
+    """1 if the speed persists, 0 if it is only its random walk."""
+    turns: float = 1.0
+    """1 if the turn rate persists, 0 if it is only its random walk."""
+
+
+MIN_STEP = 0.001
+"""Random walk [m] of the position in addition to sway."""
 NEARLY_ZERO = 0.02
-"""Random walk [m/s² or rad/s²] of a speed or turn rate that a mode assumes to be 0."""
-
+"""Random walk [m/s or rad/s] of a speed or turn rate that a mode assumes to be 0."""
 SHARP_DEG, BLUNT_DEG = 5.0, 65.0
-"""Standard deviations of an observed heading, to which `AT_SHARP` and `AT_BLUNT` apply."""
-AT_SHARP = {
-    "standing_yaw_std_rad": 0.04,
-    "standing_s": 1.7,
-    "straight_acceleration_std_m_s2": 0.1,
-    "straight_yaw_std_rad": 0.127,
-    "straight_s": 6.0,
-    "turning_acceleration_std_m_s2": 0.018,
-    "turning_yaw_acceleration_std_rad_s2": 0.009,
-    "turning_s": 15.0,
-    "wandering_acceleration_std_m_s2": 0.29,
-    "wandering_yaw_acceleration_std_rad_s2": 2.55,
-    "wandering_s": 2.0,
-    "wandering_fading_1_s": 4.8,
-    "manoeuvre_step_m_sqrt_s": 0.13,
-    "manoeuvre_acceleration_std_m_s2": 0.62,
-    "manoeuvre_yaw_acceleration_std_rad_s2": 5.0,
-    "manoeuvre_s": 0.4,
-    "manoeuvre_fading_1_s": 1.7,
-}
-"""Random walks, mean sojourn time [s] and fading turn rate [1/s] of the modes, at `SHARP_DEG`.
-
-A random walk is given by its standard deviation after 1 s: of the heading while standing and
-walking straight, of the speed, of the turn rate, and of the position while people step aside, which
-CTRV does not model. A turn fades by itself, since people who walk swing about their direction.
-Straight, wandering and manoeuvring are fitted to recorded people: docs/results.md.
-"""
-AT_BLUNT = {
-    "standing_s": 3.0,
-    "straight_acceleration_std_m_s2": 0.015,
-    "straight_yaw_std_rad": 0.004,
-    "straight_s": 25.0,
-    "wandering_acceleration_std_m_s2": 0.018,
-    "wandering_yaw_acceleration_std_rad_s2": 0.009,
-    "wandering_s": 15.0,
-    "wandering_fading_1_s": 0.03,
-    "manoeuvre_step_m_sqrt_s": 0.09,
-    "manoeuvre_acceleration_std_m_s2": 1.4,
-    "manoeuvre_yaw_acceleration_std_rad_s2": 1.3,
-    "manoeuvre_s": 6.0,
-    "manoeuvre_fading_1_s": 0.02,
-}
-"""The parameters for a sensor that hardly sees the heading, found on the U-track."""
+"""Standard deviations of an observed heading, to which `SHARP` and `BLUNT` apply."""
+STANDING = Mode(MIN_STEP, 0.04, NEARLY_ZERO, NEARLY_ZERO, 1.7, moves=0.0, turns=0.0)
+STRAIGHT = Mode(MIN_STEP, 0.127, 0.1, NEARLY_ZERO, 6.0, turns=0.0)
+TURNING = Mode(MIN_STEP, 0.0, 0.018, 0.009, 15.0)
+WANDERING = Mode(MIN_STEP, 0.0, 0.29, 2.55, 2.0, 4.8)
+MANOEUVRING = Mode(0.13, 0.0, 0.62, 5.0, 0.4, 1.7)
+SHARP = STANDING, STRAIGHT, TURNING, WANDERING, MANOEUVRING
+"""The modes for a sensor of `SHARP_DEG`; fitted to recorded people: docs/results.md."""
+BLUNT = (
+    STANDING._replace(sojourn_s=3.0),
+    STRAIGHT._replace(heading=0.004, speed=0.015, sojourn_s=25.0),
+    TURNING,
+    WANDERING._replace(speed=0.018, turn_rate=0.009, sojourn_s=15.0, fading_1_s=0.03),
+    MANOEUVRING._replace(step=0.09, speed=1.4, turn_rate=1.3, sojourn_s=6.0, fading_1_s=0.02),
+)
+"""The modes for a sensor that hardly sees the heading; found on the U-track."""
 
 
-def at_noise(yaw_std_deg: float) -> dict[str, float]:
-    """Return the parameters of the modes for a standard deviation of the heading.
+def modes_at(yaw_std_deg: float) -> tuple[Mode, ...]:
+    """Return the modes for a sensor with this standard deviation of the heading.
 
     Modes can be distinguished only over a time in which the noise averages out, so a noisy sensor
-    needs modes that last longer and are disturbed less. A parameter is that of `AT_SHARP` up to 5
-    degrees, that of `AT_BLUNT` from 65 degrees on, and in between a power of the deviation.
+    needs modes that last longer and are disturbed less. A parameter is that of `SHARP` up to 5
+    degrees, that of `BLUNT` from 65 degrees on, and in between a power of the deviation.
     """
-    whole = math.log(BLUNT_DEG / SHARP_DEG)
-    share = min(max(math.log(yaw_std_deg / SHARP_DEG) / whole, 0.0), 1.0)
-    return {
-        name: value * (AT_BLUNT.get(name, value) / value) ** share
-        for name, value in AT_SHARP.items()
-    }
+    share = math.log(yaw_std_deg / SHARP_DEG) / math.log(BLUNT_DEG / SHARP_DEG)
+    share = min(max(share, 0.0), 1.0)
+
+    def between(sharp: float, blunt: float) -> float:
+        return sharp * (blunt / sharp) ** share if sharp else 0.0
+
+    pairs = zip(SHARP, BLUNT, strict=True)
+    return tuple(Mode(*map(between, sharp, blunt)) for sharp, blunt in pairs)
 
 
-class ImmFilter(TurnRateEstimator, name="imm"):
+def ctrv(x: Array, dt: float, fading: float = 0.0) -> tuple[Array, Array]:
+    """Return the state x (5) after `dt` [s], and the Jacobian F (5, 5) of this motion.
+
+    BSLK 11.7, written with the chord of the arc. After the motion the turn rate has decayed by
+    exp(-fading dt): an Ornstein-Uhlenbeck process.
+    """
+    px, py, yaw, v, w = x.tolist()
+    half = w * dt / 2.0
+    sinc = math.sin(half) / half if half else 1.0
+    slope = -half / 3.0 if abs(half) < SMALL_ANGLE else (math.cos(half) - sinc) / half
+    c, s = math.cos(yaw + half), math.sin(yaw + half)
+    chord, bend = v * dt * sinc, v * dt * dt / 2.0
+    kept = math.exp(-fading * dt)
+    moved = np.array((px + chord * c, py + chord * s, yaw + w * dt, v, kept * w))
+    F = np.array(
+        (
+            (1.0, 0.0, -chord * s, dt * sinc * c, bend * (slope * c - sinc * s)),
+            (0.0, 1.0, chord * c, dt * sinc * s, bend * (slope * s + sinc * c)),
+            (0.0, 0.0, 1.0, 0.0, dt),
+            (0.0, 0.0, 0.0, 1.0, 0.0),
+            (0.0, 0.0, 0.0, 0.0, kept),
+        )
+    )
+    return moved, F
+
+
+def process_noise(variances: Sequence[float], x: Array, dt: float) -> Array:
+    """Return the covariance Q (5, 5) that random walks add in `dt` [s], to first order.
+
+    The discretised white accelerations of BSLK 6.2.2, along the heading and of the heading.
+
+    Args:
+        variances: Of the random walks of the position after 1 m walked, and of position, heading,
+            speed and turn rate after 1 s.
+        x: The state (5) at which the random walks start.
+        dt: Time [s].
+    """
+    sway, step, heading, speed, turn_rate = (variance * dt for variance in variances)
+    _, _, yaw, v, _ = x.tolist()
+    c, s = math.cos(yaw), math.sin(yaw)
+    position = sway * abs(v) + step
+    third, half = speed * dt * dt / 3.0, speed * dt / 2.0
+    return np.array(
+        (
+            (position + third * c * c, third * c * s, 0.0, half * c, 0.0),
+            (third * c * s, position + third * s * s, 0.0, half * s, 0.0),
+            (0.0, 0.0, heading + turn_rate * dt * dt / 3.0, 0.0, turn_rate * dt / 2.0),
+            (half * c, half * s, 0.0, speed, 0.0),
+            (0.0, 0.0, turn_rate * dt / 2.0, 0.0, turn_rate),
+        )
+    )
+
+
+def congruence(F: Array, P: Array) -> Array:
+    """Return F P Fᵀ, also of stacks of matrices."""
+    return product(product(F, P), F.swapaxes(-1, -2))
+
+
+class ImmBank:
+    """An extended Kalman filter for each mode, interacting: with one mode, an extended filter.
+
+    Blom, Bar-Shalom: The interacting multiple model algorithm for systems with Markovian switching
+    coefficients, IEEE Trans. Automatic Control 33, 1988; BSLK 11.6.6, whose steps are named here.
+
+    Args:
+        modes: n modes; the transitions from a mode to each other mode are equally probable.
+        sway: Random walk of the position after 1 m walked [m].
+        x: The initial state (5) of all modes.
+        P: Covariance (5, 5) of `x`.
+
+    Attributes:
+        mu: Probabilities (n) of the modes.
+        x: Their states (n, 5).
+        P: Their covariances (n, 5, 5).
+        nis: Mean normalised innovation squared of the last update.
+    """
+
+    def __init__(self, modes: Sequence[Mode], sway: float, x: Array, P: Array) -> None:
+        n = len(modes)
+        self.mu: Array = np.full(n, 1.0 / n)
+        self.x: Array = np.repeat(x[None], n, axis=0)
+        self.P: Array = np.repeat(P[None], n, axis=0)
+        self.nis = 0.0
+        self._sojourn = np.array([mode.sojourn_s for mode in modes])
+        self._fading = np.array([mode.fading_1_s for mode in modes])
+        self._variances = np.array([(sway, *mode[:4]) for mode in modes]) ** 2
+        self._persists = np.array([(1.0, 1.0, 1.0, mode.moves, mode.turns) for mode in modes])
+        self._combined: tuple[Array, Array, list[float], float] | None = None
+
+    def predict(self, dt: float) -> None:
+        """Mix the modes and propagate each by `dt` [s]."""
+        self._mix(dt)
+        self.x *= self._persists
+        self.P *= self._persists[:, :, None] * self._persists[:, None, :]
+        Q = [process_noise(*row, dt) for row in zip(self._variances.tolist(), self.x, strict=True)]
+        moves = [ctrv(x, dt, fading) for x, fading in zip(self.x, self._fading, strict=True)]
+        self.x = np.array([x for x, _ in moves])
+        F = np.array([F for _, F in moves])
+        self.P = congruence(F, self.P) + Q
+        self._combined = None
+
+    def _mix(self, dt: float) -> None:
+        """Compute the mixing probabilities, and mix the states: steps 1 and 2."""
+        n = len(self.mu)
+        # after a long step all modes are equally probable
+        change = np.minimum(dt / self._sojourn / max(n - 1, 1), 1.0 / n)
+        joint = self.mu[:, None] * (np.eye(n) + change[:, None] * (1.0 - n * np.eye(n)))
+        self.mu = joint.sum(axis=0)
+        mixing = joint / self.mu
+        x = np.einsum("ij,ia->ja", mixing, self.x)
+        d = self.x[:, None] - x
+        self.P = np.einsum("ij,iab->jab", mixing, self.P) + np.einsum(
+            "ij,ija,ijb->jab", mixing, d, d
+        )
+        self.x = x
+
+    def update(self, z: Array, R: Array) -> None:
+        """Correct with an observation z (3) and its positive definite covariance R (3, 3)."""
+        # step 3: the Kalman filter of each mode, in Joseph's form, BSLK 5.2.3
+        y = z - self.x[:, :OBSERVED]
+        PHt = self.P[:, :, :OBSERVED]
+        inverse, determinant = inverse_and_determinant(PHt[:, :OBSERVED] + R)
+        K = product(PHt, inverse)
+        self.x = self.x + np.einsum("nij,nj->ni", K, y)
+        self.P = congruence(IDENTITY - product(K, H), self.P) + congruence(K, R)
+        # step 4: the probabilities of the modes, by their likelihoods
+        nis = np.einsum("ni,nij,nj->n", y, inverse, y)
+        self.nis = float(np.sum(self.mu * nis))
+        likelihood = exp((nis.min() - nis) / 2.0) / np.sqrt(determinant)
+        weights = np.maximum(self.mu * likelihood, MIN_WEIGHT)
+        self.mu = weights / weights.sum()
+        self._combined = None
+
+    def ahead(self, dt: float) -> tuple[Array, Array]:
+        """Return state (5) and covariance (5, 5) `dt` [s] later, without changes of the mode.
+
+        All modes are combined first, step 5. Their random walks have the mean variances.
+        """
+        if self._combined is None:
+            x = np.einsum("n,na->a", self.mu, self.x)
+            d = self.x - x
+            P = np.einsum("n,nab->ab", self.mu, self.P) + np.einsum("n,na,nb->ab", self.mu, d, d)
+            variances = np.einsum("n,na->a", self.mu, self._variances).tolist()
+            self._combined = x, P, variances, float(np.sum(self.mu * self._fading))
+        x, P, variances, fading = self._combined
+        Q = process_noise(variances, x, dt)
+        x, F = ctrv(x, dt, fading)
+        return x, congruence(F, P) + Q
+
+
+class ImmFilter(Estimator, name="imm"):
     """An IMM of five modes: standing, straight, turning steadily, wandering, manoeuvring.
 
     The manoeuvring mode covers setting off, stopping and quick turns; it takes over within a few
-    frames. The wandering mode is how real people walk. The other modes average over seconds. The
-    averaging times are set by the sensor's noise.
+    frames. The wandering mode is how real people walk. The other modes average over seconds.
+
+    The bank is propagated only when an observation comes; between observations, `ahead` is cheaper.
     """
 
-    def __init__(self, params: ImmParams) -> None:
+    def __init__(self, params: TurnRateParams) -> None:
         super().__init__(params)
         self._sway = params.sway_m_sqrt_m
+        self.reset()
 
-    def _begin(self, state: Array, covariance: Array) -> ModeBank:
-        """Return a filter that starts with the first observation and is tuned to its noise."""
-        yaw_std_deg = math.degrees(math.sqrt(covariance[YAW, YAW]))
-        return ModeBank(modes_of(self._sway, at_noise(yaw_std_deg)), state, covariance)
+    def _begin(self, x: Array, P: Array) -> ImmBank:
+        """Return a bank that starts with the first observation and is tuned to its noise."""
+        yaw_std_deg = math.degrees(math.sqrt(P[YAW, YAW]))
+        return ImmBank(modes_at(yaw_std_deg), self._sway, x, P)
+
+    def reset(self) -> None:
+        self.nis = None
+        self._bank: ImmBank | None = None
+        self._elapsed = 0.0
+
+    def predict(self, dt: float) -> None:
+        self._elapsed += dt
+        if self._elapsed >= MAX_STEP_S:
+            self._catch_up()
+
+    def _catch_up(self) -> None:
+        if self._bank is not None and self._elapsed > 0.0:
+            steps = math.ceil(self._elapsed / MAX_STEP_S - 1e-9)
+            for _ in range(steps):
+                self._bank.predict(self._elapsed / steps)
+        self._elapsed = 0.0
+
+    def _observe(self, observation: Pose2D, noise: Array) -> None:
+        self._catch_up()
+        z = np.array(observation)
+        if self._bank is None:
+            x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
+            x[:OBSERVED], P[:OBSERVED, :OBSERVED] = z, noise
+            P[V, V], P[W, W] = INITIAL_SPEED_STD_M_S**2, INITIAL_YAW_RATE_STD_RAD_S**2
+            self._bank = self._begin(x, P)
+            return
+        yaw = float(np.sum(self._bank.mu * self._bank.x[:, YAW]))
+        z[YAW] = yaw + wrap(observation.yaw - yaw)
+        self._bank.update(z, noise)
+        self.nis = self._bank.nis
+
+    @property
+    def estimate(self) -> Estimate | None:
+        return self.ahead(0.0)
+
+    def ahead(self, dt: float) -> Estimate | None:
+        """Return the estimate `dt` [s] from now, with its propagated covariance."""
+        if self._bank is None:
+            return None
+        x, P = self._bank.ahead(self._elapsed + dt)
+        px, py, yaw, v, w = x.tolist()
+        velocity = Twist2D(v * math.cos(yaw), v * math.sin(yaw), w)
+        return Estimate(Pose2D(px, py, wrap(yaw)), velocity, as_tuple(P[:OBSERVED, :OBSERVED]))
 
 
-def modes_of(sway: float, p: Mapping[str, float]) -> tuple[Mode, ...]:
-    """Return the modes with these parameters and a sway [m/√m]."""
-    steady = sway, MIN_POSITION_WALK
-    standing = *steady, p["standing_yaw_std_rad"], NEARLY_ZERO, NEARLY_ZERO
-    straight = *steady, p["straight_yaw_std_rad"], p["straight_acceleration_std_m_s2"], NEARLY_ZERO
-    turning, wandering, manoeuvre = (
-        (p[f"{mode}_acceleration_std_m_s2"], p[f"{mode}_yaw_acceleration_std_rad_s2"])
-        for mode in ("turning", "wandering", "manoeuvre")
-    )
-    return (
-        Mode(standing, moves=False, turns=False, mean_sojourn=p["standing_s"]),
-        Mode(straight, turns=False, mean_sojourn=p["straight_s"]),
-        Mode((*steady, 0.0, *turning), mean_sojourn=p["turning_s"]),
-        Mode(
-            (*steady, 0.0, *wandering),
-            mean_sojourn=p["wandering_s"],
-            fading=p["wandering_fading_1_s"],
-        ),
-        Mode(
-            (sway, p["manoeuvre_step_m_sqrt_s"], 0.0, *manoeuvre),
-            mean_sojourn=p["manoeuvre_s"],
-            fading=p["manoeuvre_fading_1_s"],
-        ),
-    )
+class ExtendedFilter(ImmFilter, name="ekf_ctrv"):
+    """An extended Kalman filter of constant turn rate and velocity: a bank of one mode."""
+
+    def __init__(self, params: CtrvParams) -> None:
+        super().__init__(params)
+        speed, turn_rate = params.acceleration_std_m_s2, params.yaw_acceleration_std_rad_s2
+        self._mode = Mode(MIN_STEP, 0.0, speed, turn_rate)
+
+    def _begin(self, x: Array, P: Array) -> ImmBank:
+        return ImmBank((self._mode,), self._sway, x, P)
