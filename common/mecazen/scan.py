@@ -97,23 +97,33 @@ def clusters(
     return Clusters(np.roll(xy, -(cuts[0] + 1), axis=0), starts)
 
 
-def by_person(places: Sequence[Sequence[float]], legs: Flags, both: Flags) -> list[list[int]]:
-    """Group clusters by person: return the indices of each person's clusters, each cluster once.
+def by_person(
+    places: Sequence[Sequence[float]], legs: Flags, both: Flags
+) -> list[tuple[list[int], tuple[float, float]]]:
+    """Group clusters by person: return the indices of each person's clusters, and their mean [m].
 
     Args:
         places: Middles of all clusters (k, 2) [m].
         legs: Whether a cluster may be a leg (k); the two nearest to each other are one person's.
         both: Whether a cluster may be two legs that stand together (k).
     """
-    legs_left, persons = set(np.flatnonzero(legs).tolist()), []
+    single = set(np.flatnonzero(legs).tolist())
     near = sorted(
         (distance, i, j)
-        for i, j in combinations(sorted(legs_left, reverse=True), 2)
+        for i, j in combinations(sorted(single, reverse=True), 2)
         if (distance := math.dist(places[i], places[j])) <= STRIDE_M
     )
-    persons += [[i] for i in np.flatnonzero(both).tolist()]
+    persons = [[i] for i in np.flatnonzero(both).tolist()]
     for _, i, j in near:
-        if {i, j} <= legs_left:
-            legs_left -= {i, j}
+        if {i, j} <= single:
+            single -= {i, j}
             persons.append([i, j])
-    return persons + [[i] for i in sorted(legs_left)]
+    persons += [[i] for i in sorted(single)]
+    return [
+        (members, (_mean([places[i][0] for i in members]), _mean([places[i][1] for i in members])))
+        for members in persons
+    ]
+
+
+def _mean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)

@@ -45,7 +45,9 @@ def test_no_hits_are_no_groups(value):
 def test_the_nearest_legs_are_one_persons():
     places = [(0.0, 0.0), (0.3, 0.0), (0.5, 0.0), (3.0, 0.0), (3.0, 1.1 * STRIDE_M)]
     legs = np.array([True, True, True, False, True])
-    assert by_person(places, legs, ~legs) == [[3], [2, 1], [0], [4]]
+    persons = by_person(places, legs, ~legs)
+    assert [members for members, _ in persons] == [[3], [2, 1], [0], [4]]
+    assert persons[1][1] == pytest.approx((0.4, 0.0))
 
 
 # No return: rplidar sends inf, which becomes range_max + 1; ydlidar 0; null and NaN become 0.

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -42,20 +42,24 @@ BESIDE_M = 0.15
 """The search ignores points whose clearance exceeds the required one by this much [m]."""
 UNLIMITED = 1e6
 """Acceleration of an axis without a limit [m/s², rad/s²]."""
-NONE = np.empty((0, 2))
+NO_POINTS = np.empty((0, 2))
 
 
 class Points(NamedTuple):
     """N points that the robot must not touch, in one frame."""
 
-    xy: Floats = NONE
+    xy: Floats = NO_POINTS
     """Positions (N, 2) [m]."""
-    velocity: Floats = NONE
+    velocity: Floats = NO_POINTS
     """Velocities (N, 2) [m/s]."""
     margin: Floats = np.empty(0)
     """The clearance to keep from each point [m]."""
     stops: npt.NDArray[np.bool_] = np.empty(0, bool)
     """Whether the point stops within `stop_s`, instead of continuing at its velocity."""
+
+    def only(self, which: npt.NDArray[Any]) -> Points:
+        """Return some of the points, by index or by flag."""
+        return Points(*(values[which] for values in self))
 
 
 class Verdict(NamedTuple):
@@ -131,83 +135,72 @@ class Guard:
     def _decide(self, wanted: Twist2D, points: Points, age_s: float) -> Verdict:
         if not len(points.xy):
             return Verdict(wanted)
-        from_middle = np.hypot(points.xy[:, 0], points.xy[:, 1])
+        clear = Verdict(wanted, 1.0, *self._nearest(points.xy))
         if wanted == Twist2D():
-            return Verdict(wanted, 1.0, *self._nearest(points, from_middle))
+            return clear
         moving = [axis.velocity for axis in self._state]
         hold = self._dt + self._reaction_s
-        speeds, paths, horizon = [], [], hold
-        for now, then, up, down in zip(moving, wanted, self._up, self._down, strict=True):
-            speed = max(abs(now), min(abs(then), abs(now) + up * hold))
-            braking = speed / (BRAKING * down)
-            speeds.append(speed)
-            paths.append(speed * (hold + braking / 2.0))
-            horizon = max(horizon, hold + braking)
-        # The middle stays in a box, for any turn of the robot; the outline in a circle about the
-        # middle.
-        length = math.hypot(paths[0], paths[1])
-        turned = min(paths[2], 2.0) * length
-        reach = points.margin + self._corner + turned
+        speeds = [
+            max(abs(speed), min(abs(aim), abs(speed) + up * hold))
+            for speed, aim, up in zip(moving, wanted, self._up, strict=True)
+        ]
+        braking = [speed / (BRAKING * down) for speed, down in zip(speeds, self._down, strict=True)]
+        paths = [s * (hold + time / 2.0) for s, time in zip(speeds, braking, strict=True)]
+        horizon = hold + max(braking)
+        # the middle stays in a box, for any turn of the robot; the outline in a circle about it
+        reach = points.margin + self._corner + min(paths[2], 2.0) * math.hypot(paths[0], paths[1])
+        reach += (horizon + age_s) * np.hypot(points.velocity[:, 0], points.velocity[:, 1])
         off = []
         for axis in (0, 1):
             low = -paths[axis] if min(moving[axis], wanted[axis]) < 0.0 else 0.0
             high = paths[axis] if max(moving[axis], wanted[axis]) > 0.0 else 0.0
             along = points.xy[:, axis]
             off.append(along - np.minimum(np.maximum(along, low), high))
-        reach += (horizon + age_s) * np.hypot(points.velocity[:, 0], points.velocity[:, 1])
         (near,) = np.nonzero(off[0] * off[0] + off[1] * off[1] <= reach * reach)
         if not len(near):
-            return Verdict(wanted, 1.0, *self._nearest(points, from_middle))
+            return clear
+        points = points.only(near)
         fastest = math.hypot(speeds[0], speeds[1]) + self._corner * speeds[2]
-        within = Points(
-            points.xy[near], points.velocity[near], points.margin[near], points.stops[near]
-        )
-        recovered = min(self._last_factor + self._dt / RECOVERY_S, 1.0)
+        times = _times(horizon, fastest)
+        envelope = self._envelope(np.array(moving), hold, times)
         twist = np.array(wanted)
-        first = (twist,) if recovered == 1.0 else (twist, recovered * twist)
-        scene = _Scene(self, np.array(moving), within, age_s, hold, horizon, fastest, first)
-        nearest = self._nearest(points, from_middle)
-        return self._choose(twist, recovered, scene, within, nearest)
+        encounter = _Encounter(self, points, times, age_s, envelope, twist)
+        return self._limited(twist, points, encounter, clear)
 
-    def _choose(
-        self,
-        twist: Floats,
-        recovered: float,
-        scene: _Scene,
-        points: Points,
-        nearest: tuple[float, float],
+    def _limited(
+        self, twist: Floats, points: Points, encounter: _Encounter, clear: Verdict
     ) -> Verdict:
         """Return the largest safe share of the twist, or of its part past the blocking point."""
-        whole, part = scene.first[0], scene.first[-1]
-        worst = int(np.argmin(whole))
-        if whole[worst] >= 0.0:
-            if recovered == 1.0 or part.min() < 0.0 or not scene.approaches(whole):
-                return Verdict(Twist2D(*twist.tolist()), 1.0, *nearest)
-            return Verdict(Twist2D(*(recovered * twist).tolist()), recovered, *nearest)
-        search = scene.among(whole < BESIDE_M)
+        recovered = min(self._last_factor + self._dt / RECOVERY_S, 1.0)
+        worst = int(np.argmin(encounter.whole))
+        if encounter.whole[worst] >= 0.0:
+            part = recovered * twist
+            is_free = recovered == 1.0 or not encounter.approaches
+            if is_free or encounter.spare(part[None]).min() < 0.0:
+                return clear
+            return clear._replace(twist=Twist2D(*part.tolist()), factor=recovered)
+        search = encounter.among(encounter.whole < BESIDE_M)
         share, best = search.share(twist, recovered), twist
         past = self._past(twist, points.xy[worst])
         if past is not None and (length := _square(past) / _square(twist)) > share:
             sidestep = search.share(past, min(recovered / length, 1.0)) * length
             if sidestep > share:
                 share, best = sidestep, past / length
-        tried = share * FALLBACK
-        safe = scene.spare(tried[:, None] * best).min(axis=1) >= 0.0
-        share = float(tried[np.argmax(safe)]) if safe.any() else 0.0
+        shares = share * FALLBACK
+        is_safe = encounter.spare(shares[:, None] * best).min(axis=1) >= 0.0
+        share = float(shares[np.argmax(is_safe)]) if is_safe.any() else 0.0
         if share < LEAST_SHARE:
             share = 0.0
-        seen = self._seen(points.xy[worst : worst + 1])
-        return Verdict(Twist2D(*(share * best).tolist()), share, *seen)
+        blocking = self._nearest(points.xy[worst : worst + 1])
+        return Verdict(Twist2D(*(share * best).tolist()), share, *blocking)
 
-    def _nearest(self, points: Points, from_middle: Floats) -> tuple[float, float]:
+    def _nearest(self, xy: Floats) -> tuple[float, float]:
         """Return the distance of the nearest point from the outline, and its bearing."""
-        few = from_middle <= from_middle.min() + self._corner - min(self._footprint)
-        return self._seen(points.xy[few])
-
-    def _seen(self, xy: Floats) -> tuple[float, float]:
-        clearances = to_rectangle(xy[:, 0], xy[:, 1], self._footprint)
+        from_middle = np.hypot(xy[:, 0], xy[:, 1])
+        near = xy[from_middle <= from_middle.min() + self._corner - min(self._footprint)]
+        clearances = to_rectangle(near[:, 0], near[:, 1], self._footprint)
         least = int(clearances.argmin())
-        x, y = xy[least].tolist()
+        x, y = near[least].tolist()
         return float(clearances[least]), math.atan2(y, x)
 
     def _past(self, twist: Floats, point: Floats) -> Floats | None:
@@ -225,64 +218,72 @@ class Guard:
         past[:2] -= towards * normal
         return past if np.any(np.abs(past) > 1e-3) else None
 
-    def speeds(self, moving: Floats, hold: float, middles: Floats) -> tuple[Floats, ...]:
-        """Return lower and upper speed bounds, and the braking, at M times: (3, M) each."""
+    def _envelope(self, moving: Floats, hold: float, times: Floats) -> tuple[Floats, ...]:
+        """Return lower and upper speed bounds, and the braking, before M times: (3, 1, M) each."""
         up, down = self._changes
+        middles = times - times[0] / 2.0
         growing = np.minimum(middles, hold)
         low, high = bounds(moving[:, None], up * growing, down * growing)
-        return low, high, BRAKING * down * np.maximum(middles - hold, 0.0)
+        braked = BRAKING * down * np.maximum(middles - hold, 0.0)
+        return low[:, None], high[:, None], braked[:, None]
 
-    def poses(self, twists: Floats, envelope: tuple[Floats, ...], step: float) -> Floats:
-        """Return predicted poses in base_link (3, C, M): x, y, yaw, in intervals of `step` [s].
+    def clearances(
+        self, twists: Floats, envelope: tuple[Floats, ...], xy: Floats, step_s: float, every: slice
+    ) -> Floats:
+        """Return the least distance of each point from the outline (C, N) [m]; inside negative.
 
-        The robot follows each of C twists within the bounds of `speeds` and the limits of its axes.
+        The robot follows each of C twists within the bounds of an envelope and the limits of its
+        axes: its poses in base_link, in intervals of `step_s`, are x, y and yaw (C, M).
+
+        Args:
+            twists: Twists (C, 3).
+            envelope: Lower and upper speed bounds, and the braking: (3, 1, M) each.
+            xy: Positions of the points at the time of each pose (M, N, 2), or at all (1, N, 2).
+            step_s: Interval of the M times [s].
+            every: The poses to look at.
         """
-        low, high, braked = (values[:, None] for values in envelope)
+        low, high, braked = envelope
         aims = np.minimum(np.maximum(twists, -self._fastest), self._fastest)
         speeds = np.minimum(np.maximum(aims.T[..., None], low), high)
         speeds -= np.minimum(np.maximum(speeds, -braked), braked)
         slow_down(speeds, self._gains, min(self._drive.rim_speed, UNLIMITED))
-        x, y, turn = speeds * step
+        dx, dy, turn = speeds * step_s
         yaw = turn.cumsum(axis=-1)
         between = yaw - turn / 2.0
         c, s = np.cos(between), np.sin(between)
-        return np.array(((c * x - s * y).cumsum(axis=-1), (s * x + c * y).cumsum(axis=-1), yaw))
-
-    def clearances(self, poses: Floats, xy: Floats) -> Floats:
-        """Return the distance of points from the outline at poses, (C, M, N); inside negative.
-
-        The points (M, N, 2) are the positions at the time of each pose.
-        """
-        x, y, yaw = poses[..., None]
+        x, y = (c * dx - s * dy).cumsum(axis=-1), (s * dx + c * dy).cumsum(axis=-1)
+        x, y, yaw = (values[:, every, None] for values in (x, y, yaw))
         c, s = np.cos(yaw), np.sin(yaw)
-        dx, dy = xy[..., 0] - x, xy[..., 1] - y
-        return to_rectangle(c * dx + s * dy, c * dy - s * dx, self._footprint)
+        off_x, off_y = xy[..., 0] - x, xy[..., 1] - y
+        distances = to_rectangle(c * off_x + s * off_y, c * off_y - s * off_x, self._footprint)
+        least: Floats = distances.min(axis=1)
+        return least
+
+
+def _times(horizon: float, fastest: float) -> Floats:
+    """Return the times of the predicted poses [s], for the fastest motion of a corner [m/s]."""
+    groups = math.ceil(horizon * fastest / (STEP_M * SEARCHED))
+    count = SEARCHED * min(max(groups, LEAST_GROUPS), MOST_GROUPS)
+    return horizon / count * np.arange(1.0, count + 1.0)
 
 
 def _square(vector: Floats) -> float:
     return float(np.sum(vector * vector))
 
 
-class _Scene:
-    """The predictions of one tick: the near points, their motion, and their clearance at rest."""
+class _Encounter:
+    """The near points of a tick: their predicted motion, and the clearance that each requires."""
 
     def __init__(
         self,
         guard: Guard,
-        moving: Floats,
         points: Points,
+        times: Floats,
         age_s: float,
-        hold: float,
-        horizon: float,
-        fastest: float,
-        first: tuple[Floats, ...],
+        envelope: tuple[Floats, ...],
+        twist: Floats,
     ) -> None:
-        self._guard = guard
-        groups = math.ceil(horizon * fastest / (STEP_M * SEARCHED))
-        count = SEARCHED * min(max(groups, LEAST_GROUPS), MOST_GROUPS)
-        times = horizon / count * np.arange(1.0, count + 1.0)
-        self._step_s = horizon / count
-        self._envelope = guard.speeds(moving, hold, times - self._step_s / 2.0)
+        self._guard, self._envelope, self._step_s = guard, envelope, float(times[0])
         xy = points.xy[None]
         if points.velocity.any():
             gone = (times + age_s)[:, None]
@@ -291,43 +292,39 @@ class _Scene:
             lasting = np.where(points.stops, braking - braking**2 / (2.0 * stop), gone)
             xy = xy + points.velocity * lasting[..., None]
         self._xy, self._every = xy, slice(None)
-        self._rest, *least = self._least(np.array((np.zeros(3), *first)))
-        self._wanted = np.minimum(points.margin, self._rest - TOLERANCE_M)
-        self.first = [one - self._wanted for one in least]
-        """`spare` of the whole twist, and of its recovered share if that is less than 1."""
+        self._at_rest, least = self._least(np.array((np.zeros(3), twist)))
+        self._required = np.minimum(points.margin, self._at_rest - TOLERANCE_M)
+        self.whole = least - self._required
+        """`spare` of the commanded twist (N) [m]."""
+        self.approaches = bool(np.any(least < self._at_rest - TOLERANCE_M))
+        """Whether that twist comes nearer to a point than braking at once."""
 
     def _least(self, twists: Floats) -> Floats:
-        poses = self._guard.poses(twists, self._envelope, self._step_s)
-        least: Floats = self._guard.clearances(poses[..., self._every], self._xy).min(axis=1)
-        return least
+        return self._guard.clearances(twists, self._envelope, self._xy, self._step_s, self._every)
 
     def spare(self, twists: Floats) -> Floats:
         """Return by how much each point's clearance exceeds the required one (C, N) [m]."""
-        spare: Floats = self._least(twists) - self._wanted
+        spare: Floats = self._least(twists) - self._required
         return spare
 
-    def approaches(self, spare: Floats) -> bool:
-        """Return whether a twist with this `spare` comes nearer to a point than braking at once."""
-        return bool(np.any(spare + self._wanted < self._rest - TOLERANCE_M))
-
-    def among(self, points: npt.NDArray[np.bool_]) -> _Scene:
-        """Return the scene reduced to some of the points and every `SEARCHED`-th pose."""
-        few = copy(self)
-        few._every = slice(SEARCHED - 1, None, SEARCHED)
-        xy = self._xy if len(self._xy) == 1 else self._xy[few._every]
-        few._xy, few._wanted = xy[:, points], self._wanted[points]
-        few._rest = self._rest[points]
-        return few
+    def among(self, points: npt.NDArray[np.bool_]) -> _Encounter:
+        """Return the encounter with some of the points, at every `SEARCHED`-th pose."""
+        part = copy(self)
+        part._every = slice(SEARCHED - 1, None, SEARCHED)
+        xy = self._xy if len(self._xy) == 1 else self._xy[part._every]
+        part._xy, part._required = xy[:, points], self._required[points]
+        part._at_rest = self._at_rest[points]
+        return part
 
     def share(self, twist: Floats, most: float) -> float:
         """Return the largest share, at most `most`, up to which all shares of a twist are safe."""
         shares = most * SHARES
         spare = self.spare(shares[:, None] * twist).min(axis=1)
-        unsafe = spare < 0.0
-        if not unsafe.any():
+        is_unsafe = spare < 0.0
+        if not is_unsafe.any():
             return most
-        first = int(np.argmax(unsafe))
-        below = float((self._rest - self._wanted).min()), 0.0
+        first = int(np.argmax(is_unsafe))
+        below = float((self._at_rest - self._required).min()), 0.0
         if first:
             below = float(spare[first - 1]), float(shares[first - 1])
         # linear interpolation is accurate enough, since the result is checked again

@@ -138,8 +138,8 @@ class GuardNode(Node):
 
     def diagnostics(self) -> dict[str, object]:
         """Return the guard's state, the factor and the reason."""
-        said = {"guard": self.state.state, "let_through": round(self.state.factor, 2)}
-        return said | ({"reason": self.state.reason} if self.state.reason else {})
+        state = {"guard": self.state.state, "let_through": round(self.state.factor, 2)}
+        return state | ({"reason": self.state.reason} if self.state.reason else {})
 
 
 def _reaction_s(scenario: Scenario) -> float:

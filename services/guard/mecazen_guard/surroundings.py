@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from mecazen.arrays import between, rotate
@@ -45,8 +44,6 @@ FARTHEST_M = 5.0
 HIDDEN_BEAMS = 3
 """This number of neighbouring beams without a measurement means an object below the minimum
 range."""
-
-
 WALKING_SCANS = 3
 """Minimum number of detections; with fewer, the velocity is assumed to be 0."""
 STILL_M_S = 0.3
@@ -123,14 +120,12 @@ class Surroundings:
         margins = np.full(len(seen.starts), self.config.margin_m)
         velocity, sure = np.zeros((2, len(seen.starts), 2))
         legs = seen.width <= LEG_M
-        looks = legs & _is_round(seen)
-        middles = seen.middle.tolist()
-        persons = by_person(middles, legs, ~legs & (seen.width <= BOTH_LEGS_M))
-        places = [_mean([middles[i] for i in members]) for members in persons]
-        tracks = self._walkers.update(
-            self.time, places, [bool(looks[members].any()) for members in persons]
-        )
-        for members, track in zip(persons, tracks, strict=True):
+        round_legs = legs & _are_round(seen)
+        both = ~legs & (seen.width <= BOTH_LEGS_M)
+        persons = by_person(seen.middle.tolist(), legs, both)
+        look_like_legs = [bool(round_legs[members].any()) for members, _ in persons]
+        tracks = self._walkers.update(self.time, [place for _, place in persons], look_like_legs)
+        for (members, _), track in zip(persons, tracks, strict=True):
             velocity[members], sure[members] = _velocities(track)
             if track.is_person:
                 margins[members] = self.config.person_margin_m
@@ -151,12 +146,7 @@ class Surroundings:
         )
 
 
-def _mean(places: Sequence[Sequence[float]]) -> Place:
-    x, y = (math.fsum(axis) / len(places) for axis in zip(*places, strict=True))
-    return x, y
-
-
-def _is_round(clusters: Clusters) -> Flags:
+def _are_round(clusters: Clusters) -> Flags:
     """Return which clusters are curved like a leg."""
     xy, starts, counts = clusters.xy, clusters.starts, clusters.counts
     first = xy[starts]
@@ -165,8 +155,8 @@ def _is_round(clusters: Clusters) -> Flags:
     off, along = xy - first[clusters.index], chord[clusters.index]
     off = along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]
     mean, square = (np.add.reduceat(part, starts) / counts for part in (off, off**2))
-    is_round: Flags = square - mean**2 >= (ROUND * clusters.width) ** 2
-    return (counts >= LEG_POINTS) & is_round
+    are_round: Flags = square - mean**2 >= (ROUND * clusters.width) ** 2
+    return (counts >= LEG_POINTS) & are_round
 
 
 def _thinned(clusters: Clusters) -> tuple[Floats, Indices]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan, PlanarCovariance
@@ -38,8 +36,7 @@ def persons(clusters: Clusters) -> list[tuple[Pose2D, PlanarCovariance]]:
     legs = good & (clusters.width <= LEG_M)
     both = good & (clusters.width > LEG_M) & (clusters.width <= BOTH_LEGS_M)
     detections: list[tuple[Pose2D, PlanarCovariance]] = []
-    for members in by_person(centres, legs, both):
-        x, y = (math.fsum(centres[i][axis] for i in members) / len(members) for axis in (0, 1))
+    for members, (x, y) in by_person(centres, legs, both):
         is_single = len(members) == 1 and legs[members[0]]
         variance = (SINGLE_STD_M if is_single else PAIR_STD_M) ** 2
         covariance = (variance, 0.0, 0.0), (0.0, variance, 0.0), (0.0, 0.0, NO_HEADING)
