@@ -83,6 +83,12 @@ BAD = [
     setting("start={x_m=0.1}", "start", "inside the person"),
     setting("services=['physics','pilot']", "pilot", "nodes: body"),
     setting("processes=[['physics','viewer']]", "viewer"),
+    setting("controller.command_key=robot/*", "controller.command_key"),
+    setting("controller.odometry=imu", "controller.odometry", "ground_truth"),
+    setting("controller.odom_frame_id=base_link", "must differ from base_frame_id"),
+    setting("controller.limits.x.max_velocity_m_s=0.0", "max_velocity_m_s", "> 0"),
+    setting("controller.limits.yaw.max_velocity_rad_s=nan", "max_velocity_rad_s"),
+    setting("controller.odometry_scale.y=-1.0", "odometry_scale.y", "> 0"),
 ]
 
 
