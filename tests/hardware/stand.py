@@ -79,22 +79,19 @@ class LoggingFirmware(Firmware):
 
 
 class FaultyLine(SerialLine):
-    """A line that damages a share of what it carries, in both directions, or falls silent."""
+    """A line that loses, cuts or corrupts a share of what it carries both ways, or is silent."""
 
-    def __init__(self, damage="", share=0.1):
+    def __init__(self, damage):
         super().__init__()
         self.is_silent = False
-        self._damage, self._share = damage, share
-        self._random = random.Random(1)
+        self._damage, self._random = damage, random.Random(1)
 
     def _pass_on(self, data):
-        if self._damage and data and self._random.random() < self._share:
-            place = self._random.randrange(len(data))
-            flipped = bytes((data[place] ^ 0x55,)) + data[place + 1 :]
-            data = {"drop": b"", "cut": data[:place], "corrupt": data[:place] + flipped}[
-                self._damage
-            ]
-        return data
+        if not data or self._random.random() >= self._damage:
+            return data
+        place = self._random.randrange(len(data))
+        flipped = bytes((data[place] ^ 0x55,)) + data[place + 1 :]
+        return self._random.choice((b"", data[:place], data[:place] + flipped))
 
     def read(self):
         return self._pass_on(super().read())
@@ -104,7 +101,7 @@ class FaultyLine(SerialLine):
 
 
 @contextmanager
-def emulated(damage="", **firmware):
+def emulated(damage=0.0, **firmware):
     """Yield a running emulator of a board on a stand."""
     line = FaultyLine(damage)
     emulator = Emulator(line, Stand(), LoggingFirmware(**firmware))

@@ -26,13 +26,6 @@ def test_a_probe_shows_the_board_and_turns_no_motor():
         assert not any(emulator.world.angles)
 
 
-def test_a_check_on_blocks_finds_all_wheels_in_order():
-    with emulated() as emulator:
-        done = mecazen("hardware", "check", "--yes", "--port", emulator.line.name)
-        assert (done.returncode, done.stderr) == (0, "")
-        assert done.stdout.count(": ok, turned ") == 4
-
-
 def test_a_check_without_a_yes_is_one_line():
     arguments = command(["hardware", "check"])
     for answer in ("n\n", ""):
@@ -47,6 +40,7 @@ def test_a_check_names_swapped_plugs():
         done = mecazen("hardware", "check", "--yes", "--port", emulator.line.name)
         assert_one_line(done, 1, "2 of 4 wheels are wrong; do not drive yet")
         assert "front_left: rear_left turned instead" in done.stdout
+        assert done.stdout.count(": ok, turned ") == 2
 
 
 @pytest.mark.parametrize(
@@ -63,13 +57,6 @@ def test_each_mistake_of_wiring_has_its_words(angles, problem):
     text = wiring_problem(0, angles)
     assert text.startswith(problem)
     assert bool(text) == bool(problem)
-
-
-def test_what_can_not_be_probed_is_one_line():
-    assert_one_line(mecazen("hardware", "probe", "--port", "/dev/none"), 1, "no such port")
-    assert_one_line(
-        mecazen("hardware", "probe", "--port", "/dev/null", "--board", "x3"), 2, "no board 'x3'"
-    )
 
 
 COVARIANCE = tuple(0.0025 if n in (0, 7, 35) else 0.0 for n in range(36))

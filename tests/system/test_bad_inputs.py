@@ -34,6 +34,10 @@ BAD = [
     (("up", "back", "--set", "sim.speed=0"), ("sim.speed", "0.01")),
     (("up", "back", "--processes", "0"), ("--processes", "1")),
     (("keys", "create", "/dev/null/keys"), ("/dev/null/keys",)),
+    (("hardware", "probe", "--port", "/dev/none"), ("/dev/none", "no such port")),
+    (("hardware", "check", "--yes", "--port", "/dev/null"), ("/dev/null", "not a serial port")),
+    (("hardware", "probe", "--port", "/dev/null", "--board", "x3"), ("x3", "rosmaster_x3")),
+    (("hardware", "probe", "--port", "/dev/null", "--robot", "x9"), ("x9", "rosmaster_x3")),
     (("keys", "create", "new", "--host", "a b"), ("--host a b",)),
     (("keys", "create", "new", "--host", "0.0.0.0"), ("--host 0.0.0.0", "no host")),  # noqa: S104
     # what is asked of a running simulation

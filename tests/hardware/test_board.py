@@ -1,6 +1,7 @@
-"""The protocol of the X3: bytes of the vendor's library, limits, and damaged streams."""
+"""From bytes to wheels and back: the protocol of the X3, and the estimate between its reports."""
 
 import math
+import random
 import struct
 
 import pytest
@@ -11,6 +12,7 @@ from mecazen.config import HardwareConfig
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen_hardware.board import Identity, Inertial, Voltage, WheelAngles
 from mecazen_hardware.rosmaster_x3 import RosmasterX3, frame
+from mecazen_hardware.wheels import WheelEstimator
 
 KINEMATICS = MecanumKinematics.from_robot(ROBOT)
 
@@ -111,3 +113,72 @@ def test_each_frame_after_a_damaged_one_is_read(place, garbage, is_cut):
     assert board.frames == len(reports)
     assert board.refused > 0 or len(reports) == 3
     assert [report.angles[0] / math.tau for report in reports[-2:]] == pytest.approx([1.0, 2.0])
+
+
+CYCLE_S, TICK_S, COUNT = 0.041, 0.01, math.tau / 1320
+SPAN = 2**32 * COUNT
+
+
+@pytest.fixture
+def wheels():
+    return WheelEstimator(CYCLE_S, 30.8)
+
+
+def drive(wheels, angle, until_s, jitter_s=0.0, lost=frozenset()):
+    """Yield time and speed at each tick of a wheel whose angle is `angle(t)`."""
+    draw, arrivals, number = random.Random(1), [], 0
+    for tick in range(1, round(until_s / TICK_S) + 1):
+        now_s = tick * TICK_S
+        while (sent_s := number * CYCLE_S) <= now_s:
+            if number not in lost:
+                counted = math.floor(angle(sent_s) / COUNT) * COUNT
+                arrivals.append((sent_s + jitter_s * draw.random(), counted))
+            number += 1
+        while arrivals and arrivals[0][0] <= now_s:
+            arrived_s, counted = arrivals.pop(0)
+            wheels.take(WheelAngles((counted,) * 4, SPAN), arrived_s)
+        _, speeds = wheels.advance(now_s, TICK_S)
+        yield now_s, speeds.front_left
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 0.015])
+def test_a_steady_speed_is_measured_despite_jitter(wheels, jitter_s):
+    run = drive(wheels, lambda t: 10.0 * t, 2.0, jitter_s)
+    speeds = [speed for now_s, speed in run if now_s > 0.5]
+    quantum = COUNT / CYCLE_S  # of the measured speed; jitter moves the angle by speed times delay
+    assert max(abs(v - 10.0) for v in speeds) < 2 * quantum + 10.0 * jitter_s / CYCLE_S
+    assert sum(speeds) / len(speeds) == pytest.approx(10.0, abs=0.1 * quantum + 0.02)
+    after = [wheels.advance(2.0 + n * TICK_S, TICK_S)[1] for n in range(30)]
+    assert max(map(abs, after[-1])) < 0.1  # no report for more than two cycles: it stands
+
+
+def test_the_sum_of_the_speeds_follows_the_encoders(wheels):
+    def angle(t):  # the integral of 8 sin(2t) + 3
+        return 4.0 * (1.0 - math.cos(2.0 * t)) + 3.0 * t
+
+    run = drive(wheels, angle, 30.0, 0.01, lost={100, 101, 300})
+    total = sum(speed * TICK_S for _, speed in run)
+    # an age of up to two cycles at 11 rad/s, and a count
+    assert total == pytest.approx(angle(30.0), abs=2 * CYCLE_S * 11.0 + COUNT)
+    assert wheels.jumps == 0
+
+
+def test_a_count_that_wraps_is_a_small_step(wheels):
+    end = 2**31 * COUNT
+    wheels.take(WheelAngles((end - 0.1,) * 4, SPAN), 0.0)
+    for n in (1, 2):
+        wheels.take(WheelAngles((-end + 0.1,) * 4, SPAN), n * CYCLE_S)
+    speeds = [wheels.advance(2 * CYCLE_S, TICK_S)[1].front_left for _ in range(100)]
+    assert wheels.jumps == 0
+    assert sum(speeds) * TICK_S == pytest.approx(0.2, abs=1e-6)  # made up for within a second
+
+
+@pytest.mark.parametrize(("until", "jumps"), [(11, 1), (20, 2)])
+def test_a_jump_of_an_encoder_is_no_motion(wheels, until, jumps):
+    """The count of one wheel is wrong from the 10th report on, for one report or for good."""
+    for n in range(20):
+        turned = 0.2 * n + (500.0 if 10 <= n < until else 0.0)
+        wheels.take(WheelAngles((turned, 0.2 * n, 0.2 * n, 0.2 * n), SPAN), n * CYCLE_S)
+        wheels.advance(n * CYCLE_S, CYCLE_S)
+    assert wheels.jumps == jumps
+    assert wheels.angles == pytest.approx((0.2 * 19,) * 4, abs=0.25)  # but for the last step
