@@ -111,10 +111,10 @@ class Walkers:
     def update(
         self, time: float, places: Sequence[Place], legs: Sequence[bool] = ()
     ) -> list[Walker]:
-        """Return the track of each detection; the nearest pairs of track and detection first.
+        """Return the track of each detection, continued from the nearest track within `GATE_M`.
 
-        A detection within `GATE_M` of a track that has a nearer one continues the track as well:
-        when a pair of legs separates, both have the person's velocity.
+        Two detections may continue one track: when a pair of legs separates, both have the
+        person's velocity.
 
         Args:
             time: Time of the detections [s].
@@ -122,39 +122,21 @@ class Walkers:
             legs: Whether each looks like a leg; empty if that is unknown.
         """
         known = [track.predicted(time) for track in self.tracks]
-        pairs = sorted(
-            (distance, i, j)
-            for i, track in enumerate(known)
-            for j, place in enumerate(places)
-            if (distance := math.dist((track.x, track.y), place)) <= GATE_M
-        )
-        owners = assign(pairs)
-        for _, i, j in pairs:
-            owners.setdefault(j, i)
-        current = []
-        for j, place in enumerate(places):
-            track = known[owners[j]].corrected(place) if j in owners else Walker.begin(time, place)
-            current.append(track._replace(looked_at=time) if any(legs[j : j + 1]) else track)
-        continued = set(owners.values())
+        current, continued = [], set[int]()
+        for number, place in enumerate(places):
+            distances = [math.dist((track.x, track.y), place) for track in known]
+            distance = min(distances, default=math.inf)
+            track = Walker.begin(time, place)
+            if distance <= GATE_M:
+                nearest = distances.index(distance)
+                continued.add(nearest)
+                track = known[nearest].corrected(place)
+            if any(legs[number : number + 1]):
+                track = track._replace(looked_at=time)
+            current.append(track)
         self.tracks = current + [
             track
-            for i, track in enumerate(known)
-            if i not in continued and time - track.seen[0] <= FORGET_S
+            for number, track in enumerate(known)
+            if number not in continued and time - track.seen[0] <= FORGET_S
         ]
         return current
-
-
-def assign(pairs: Sequence[tuple[float, int, int]]) -> dict[int, int]:
-    """Return the track of each detection: each track and each detection once, cheapest pair first.
-
-    Args:
-        pairs: The cost, the track's index and the detection's index of each possible pair, in the
-            order of the costs.
-    """
-    owners: dict[int, int] = {}
-    used = set[int]()
-    for _, track, detection in pairs:
-        if track not in used and detection not in owners:
-            used.add(track)
-            owners[detection] = track
-    return owners
