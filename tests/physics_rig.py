@@ -9,12 +9,13 @@ from typing import Any
 
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder
-from mecazen.geometry import Pose2D, Twist2D
+from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.links import robot_links
 from mecazen.robot import Robot
 from mecazen.rollers import Roller
 from mecazen.wheels import WheelCommand
 from mecazen_physics.people import MovingPerson
+from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
 
@@ -85,16 +86,20 @@ class Rig:
             for tick in range(round(seconds * 100))
         ]
 
+    def throw(self, x: float, y: float = 0.0) -> None:
+        """Give the base a velocity along the axes of world [m/s]."""
+        throw(self.robot, x, y)
+
     def place_person(self, pose: Pose2D, velocity: Twist2D = Twist2D()) -> None:  # noqa: B008
         self.world.place_person(0, MovingPerson.upright(pose, velocity))
 
 
-def after_mixed_driving(robot: Robot) -> Rig:
-    """A robot that has driven with all its wheels at different speeds."""
-    rig = Rig(robot)
-    for tick in range(100):
-        rig.advance([0.01 * tick * speed for speed in (3.0, -6.0, 2.0, 5.0)])
-    return rig
+def throw(robot: SimulatedRobot, x: float, y: float = 0.0) -> None:
+    """Give a robot's base a velocity along the axes of world [m/s]."""
+    root = robot.body.skeleton.getRootJoint()
+    velocity = root.getVelocities()
+    velocity[3:5] = rotate(x, y, -robot.body.world.heading)
+    root.setVelocities(velocity)
 
 
 def trajectory(robot: Robot) -> str:

@@ -17,7 +17,7 @@ from mecazen.portable import legendre, tan
 from mecazen.robot import WHEELS, Robot
 from mecazen.rollers import Roller
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
-from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.world import GRAVITY
 
 RIM_SPEED = 0.3
 """Speed of the wheels' rims in the manoeuvres [m/s]."""

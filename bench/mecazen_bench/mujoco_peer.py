@@ -11,7 +11,7 @@ import mujoco
 from mecazen.links import base_link, lump, robot_links
 from mecazen.robot import WHEEL_JOINTS, Robot
 from mecazen.rollers import Roller
-from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.world import GRAVITY
 
 from mecazen_bench.engine import Engine, Sample
 from mecazen_bench.gazebo_peer import Shape

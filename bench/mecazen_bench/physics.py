@@ -59,8 +59,8 @@ class DartEngine(Engine):
         if not projects:
             self._simulation.robots[0].body.stand = lambda: None  # type: ignore[method-assign]
         self._in_dart_ns = self._steps = 0
-        scene = self._simulation.robots[0].home
-        self._step, scene.step = scene.step, self._timed_step
+        world = self._simulation.robots[0].home
+        self._step, world.step = world.step, self._timed_step
 
     @property
     def in_dart_s(self) -> float:

@@ -75,11 +75,11 @@ def accelerated(robot: Robot) -> Simulation:
 
 def contacts(simulation: Simulation) -> list[Contact]:
     """Return the contacts of the last step of an isolated robot."""
-    scene = simulation.robots[0].body.scene
-    c, s = math.cos(scene.heading), math.sin(scene.heading)
+    world = simulation.robots[0].body.world
+    c, s = math.cos(world.heading), math.sin(world.heading)
     to_world = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
     found = []
-    for contact in scene.dart.getLastCollisionResult().getContacts():
+    for contact in world.dart.getLastCollisionResult().getContacts():
         force = to_world @ contact.force
         force *= math.copysign(1.0, force[2])  # the force of the ground points upwards
         up = np.array((0.0, 0.0, force[2]))

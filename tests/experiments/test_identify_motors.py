@@ -22,7 +22,7 @@ from mecazen_experiments.identify.motors import (
     response,
 )
 from mecazen_experiments.identify.plan import FASTEST, csv, plan
-from mecazen_physics.motor_model import MotorModel
+from mecazen_physics.motors import MotorModel
 from mecazen_tools.simulation import Simulation
 
 SEEDS = range(1, 1 + int(os.environ.get("MECAZEN_SEEDS", "2")))

@@ -22,7 +22,7 @@ from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.driver import Safety, compensated
 from mecazen_hardware.link import HardwareError
 from mecazen_hardware.node import HardwareNode
-from mecazen_physics.motor_model import MotorModel
+from mecazen_physics.motors import MotorModel
 
 SERVICES = ("hardware", "controller")
 AHEAD = Twist2D(0.5, 0.0, 0.0)

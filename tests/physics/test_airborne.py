@@ -16,9 +16,7 @@ def test_an_airborne_roller_keeps_its_spin_but_for_its_bearings_friction(nexus):
     robot = replace(nexus, rollers=replace(nexus.rollers, bearing_friction_nms=friction))
     rig = Rig(robot)
     fifth = BASE_DOFS + 4 + 4  # of the front left wheel, near the top
-    motion = rig.body.read()
-    motion.velocity[fifth] = 10.0
-    rig.body.write(motion)
+    rig.body.skeleton.setVelocity(fifth, 10.0)
     state = rig.advance([0.0] * 4, 100)
     decay = friction / Roller.from_robot(robot).inertia[1]
     # 6 %: DART's implicit steps of 1 ms, of a time constant of 30 ms, three times over.

@@ -9,8 +9,8 @@ import pytest
 from mecazen.config.world import Box
 from mecazen.geometry import Twist2D, rotate
 from mecazen.robot import Payload, Robot
-from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.world import GRAVITY
 from msgspec.structs import replace
 from physics_rig import Rig, masses, wheel_speeds
 
@@ -40,10 +40,10 @@ def centre_of_mass(robot: Robot) -> tuple[float, np.ndarray]:
 def wheel_loads(rig: Rig) -> list[float]:
     """The forces of the ground on the wheels, of both contacts of each [N]."""
     loads = [0.0] * 4
-    scene = rig.body.scene
-    for contact in scene.dart.getLastCollisionResult().getContacts():
+    world = rig.body.world
+    for contact in world.dart.getLastCollisionResult().getContacts():
         x, y, _ = contact.point
-        ahead, aside = rotate(x, y, scene.heading)  # the robot stands at the origin
+        ahead, aside = rotate(x, y, world.heading)  # the robot stands at the origin
         loads[2 * (ahead < 0.0) + (aside < 0.0)] += abs(contact.force[2])
     return loads
 

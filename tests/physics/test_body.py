@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from harness import load_robot
 from mecazen.geometry import Twist2D
 from mecazen.robot import Payload
 from msgspec.structs import replace
@@ -52,3 +53,13 @@ def test_a_robot_stands_still_when_its_wheels_do(robot, twist):
     assert math.hypot(*rig.state().linear[:2]) < 1e-5
     # 2e-5: what the solver of the cone leaves, 0.07 degrees a minute
     assert math.hypot(*rig.state().angular) < 2e-5
+
+
+@pytest.mark.parametrize("name", ["nexus", "artbul"])
+def test_every_wheel_keeps_its_contact_up_to_the_highest_speed(name):
+    robot = load_robot(name)
+    rig, fastest = Rig(robot, dt_s=0.005), robot.wheels.max_speed_rad_s
+    for tick in range(300):
+        rig.advance([min(1.0, tick / 150) * side * fastest for side in (0.7, 1.0, 0.7, 1.0)], 1)
+        contacts = rig.body.world.dart.getLastCollisionResult().getContacts()
+        assert len(contacts) >= 4, tick

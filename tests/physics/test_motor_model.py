@@ -9,7 +9,7 @@ from mecazen.config import PhysicsConfig
 from mecazen.geometry import Pose2D
 from mecazen.robot import RealMotors
 from mecazen.wheels import WheelCommand
-from mecazen_physics.motor_model import MotorModel, friction
+from mecazen_physics.motors import MotorModel, friction
 from mecazen_physics.simulation import Simulation
 
 DT = 0.005

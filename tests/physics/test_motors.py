@@ -11,7 +11,7 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.links import robot_links
 from mecazen.rollers import Roller
 from mecazen_bench.engine import lateral_gain
-from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.world import GRAVITY
 from physics_rig import Rig, masses, wheel_speeds
 
 FORWARD, LEFT = Twist2D(x=0.3), Twist2D(y=0.3)

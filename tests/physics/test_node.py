@@ -31,8 +31,8 @@ from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
 from mecazen.skeleton import JOINTS
 from mecazen.urdf import build_meshes
 from mecazen.wire import encode
-from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.node import PhysicsNode
+from mecazen_physics.world import GRAVITY
 
 TICK_NS = 10_000_000
 FAST = PhysicsConfig(dt_s=0.002)

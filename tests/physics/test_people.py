@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mecazen.geometry import Twist2D
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
-from mecazen_physics.bodies import build_legs
 from mecazen_physics.body import DEEPEST_M
 from mecazen_physics.people import LEGS, MovingPerson, place
+from mecazen_physics.world import build_legs
 from physics_rig import Rig, wheel_speeds
 
 HEIGHT = 1.75
@@ -40,7 +40,7 @@ def person(joints: np.ndarray, velocity: tuple[float, float, float] = (0.0, 0.0,
 
 
 def forces(rig: Rig) -> list[float]:
-    contacts = rig.body.scene.dart.getLastCollisionResult().getContacts()
+    contacts = rig.body.world.dart.getLastCollisionResult().getContacts()
     return [float(np.linalg.norm(contact.force)) for contact in contacts]
 
 
@@ -88,8 +88,8 @@ def test_feet_that_reach_below_the_ground_touch_nothing(nexus):
     rig.world.place_person(0, person(standing(0.42)))
     for _ in range(50):
         rig.advance([0.0] * 4)
-    assert rig.body.scene.people[0].getNumBodyNodes() == len(LEGS)  # they are close
-    contacts = rig.body.scene.dart.getLastCollisionResult().getContacts()
+    assert rig.body.world.people[0].getNumBodyNodes() == len(LEGS)  # they are close
+    contacts = rig.body.world.dart.getLastCollisionResult().getContacts()
     for contact in contacts:  # none but those of rollers
         x, y, _ = map(abs, contact.point)
         assert math.dist((x, y), (0.15, 0.15)) < 0.03

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mecazen.config.world import Door, Patch, Ramp, Ridge, Wall
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen_physics.bodies import GRAVITY
 from mecazen_physics.ridges import Profile
+from mecazen_physics.world import GRAVITY
 from physics_rig import Rig, masses, wheel_speeds
 
 STEEP = math.atan(0.08)

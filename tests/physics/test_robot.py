@@ -116,14 +116,14 @@ def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus):
     assert rig.state().linear[0] > 0.1
     assert rig.state().position[0] > 0.1
     # their own speed, integrated
-    assert rig.body.scene.people[0].getPositions() == pytest.approx((0.15, 0.0), abs=1e-9)
+    assert rig.body.world.people[0].getPositions() == pytest.approx((0.15, 0.0), abs=1e-9)
 
 
 def test_the_persons_velocity_is_in_their_own_frame(nexus):
     rig = Rig(nexus)
     rig.place_person(Pose2D(0.43, 0.0, math.pi / 2), Twist2D(x=1.0))  # close, but not touching
     rig.advance([0.0] * 4, 100)
-    assert rig.body.scene.people[0].getPositions() == pytest.approx((0.43, 0.1), abs=1e-9)
+    assert rig.body.world.people[0].getPositions() == pytest.approx((0.43, 0.1), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -140,30 +140,6 @@ def test_an_obstacle_stops_the_robot(nexus, obstacle):
     reach = 0.19 if isinstance(obstacle, Cylinder) else 0.2  # the base's front, the wheels'
     # 15 mm: wheels that climb and skid along the obstacle's face.
     assert states[-1].position[0] == pytest.approx(0.5 - reach, abs=0.015)
-
-
-@pytest.mark.parametrize(
-    ("tilt", "person", "isolated"),
-    [
-        (0.0, None, True),
-        (0.04, 0.6, True),
-        (0.06, None, False),
-        (0.0, 0.42, False),  # 20 mm away
-        (0.0, 0.44, True),
-    ],
-)
-def test_a_robot_is_isolated_that_is_upright_and_out_of_reach_of_everything(
-    nexus, tilt, person, *, isolated
-):
-    rig = Rig(nexus)
-    motion = rig.body.read()
-    motion.position[0] = tilt
-    rig.body.write(motion)
-    rig.robot.settle(0)
-    if person is not None:
-        rig.place_person(Pose2D(person))
-    rig.robot.look_around()
-    assert rig.robot.isolated == isolated
 
 
 def test_a_world_built_again_repeats_every_bit(nexus):

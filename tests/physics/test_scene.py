@@ -10,7 +10,7 @@ from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen_bench.engine import yaw_gain
-from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.world import GRAVITY
 from physics_rig import Rig, wheel_speeds
 
 MU = 0.2
@@ -27,9 +27,7 @@ def without_bearing_friction(robot: Robot) -> Robot:
 def slide(rig: Rig, heading: float, speed: float, seconds: float) -> tuple[float, float]:
     """Throw a robot with its wheels held; return how it slows down and drifts aside [m/s²]."""
     rig.advance(HELD, 100)
-    motion = rig.body.read().in_axes_at(0.0)
-    motion.velocity[3:5] = speed * math.cos(heading), speed * math.sin(heading)
-    rig.body.write(motion)
+    rig.throw(speed * math.cos(heading), speed * math.sin(heading))
     rig.advance(HELD, 20)  # the rollers take up their spin
     before = rig.state().linear
     after = rig.advance(HELD, round(1000 * seconds)).linear
@@ -62,7 +60,7 @@ def test_beside_an_obstacle_it_slides_as_in_the_open(nexus, yaw_deg):
 
 
 def touches_the_wall(rig: Rig) -> bool:
-    contacts = rig.body.scene.dart.getLastCollisionResult().getContacts()
+    contacts = rig.body.world.dart.getLastCollisionResult().getContacts()
     return any(abs(contact.normal[2]) < 0.5 for contact in contacts)
 
 
@@ -71,9 +69,7 @@ def test_along_a_wall_it_slides_as_in_the_open(nexus):
     robot = without_bearing_friction(nexus)
     rig = Rig(robot, Pose2D(y=0.3), ground_friction=MU, obstacles=(wall,))
     rig.advance(HELD, 100)
-    motion = rig.body.read().in_axes_at(0.0)
-    motion.velocity[3:5] = 1.5, -0.2
-    rig.body.write(motion)
+    rig.throw(1.5, -0.2)
     while not touches_the_wall(rig):
         rig.advance(HELD, 10)
     before = rig.advance(HELD, 40)  # it bounces a little

@@ -17,7 +17,7 @@ from mecazen_physics.people import MovingPerson
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
 from msgspec.structs import replace
-from physics_rig import STEPS, Rig, masses, simulation_of
+from physics_rig import STEPS, Rig, masses, simulation_of, throw
 
 FORWARD = WheelCommand([6.0] * 4)  # 0.3 m/s of nexus
 BACKWARD = WheelCommand([-6.0] * 4)
@@ -49,14 +49,6 @@ def drive(world: Simulation, ticks: int, *commands: WheelCommand) -> list[list[R
         world.advance(scaled, STEPS)
         states.append([robot.state for robot in world.robots])
     return states
-
-
-def throw(world: Simulation, number: int, speed: float) -> None:
-    """Give a robot a speed along world x."""
-    body = world.robots[number].body
-    motion = body.read()
-    motion.velocity[3] = speed
-    body.write(motion)
 
 
 def along_x(state: RobotState) -> float:
@@ -104,7 +96,7 @@ def test_robots_apart_are_pushed_each_by_its_person_and_by_an_obstacle_as_if_by_
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi])
 def test_when_robots_collide_on_ice_the_momentum_of_both_is_kept(nexus, yaw):
     world = world_with(nexus, Pose2D(), Pose2D(0.7, 0.0, yaw), ground_friction=0.0)
-    throw(world, 0, 0.5)
+    throw(world.robots[0], 0.5)
     before = drive(world, 1, STAND, STAND)[-1]
     assert [along_x(state) for state in before] == pytest.approx([0.5, 0.0], abs=1e-6)
     slow, fast = (along_x(state) for state in drive(world, 150, STAND, STAND)[-1])
@@ -157,8 +149,8 @@ def test_no_motor_gives_more_than_its_torque_where_robots_meet(nexus):
 
 def test_a_collision_at_full_speed_dents_no_wheel(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.7, 0.0, math.pi), ground_friction=0.0)
-    throw(world, 0, 2.0)
-    throw(world, 1, -2.0)
+    throw(world.robots[0], 2.0)
+    throw(world.robots[1], -2.0)
     states = drive(world, 50, STAND, STAND)
     assert min(other.position[0] - one.position[0] for one, other in states) >= 0.40 - 5e-3
     assert max(abs(along_x(state)) for state in states[-1]) < 0.2 * 2.0
@@ -182,7 +174,7 @@ def test_a_robot_that_has_left_two_others_is_not_in_their_way(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.42), Pose2D(0.84))
     fast = WheelCommand([12.0] * 4)
     drive(world, 200, STAND, STAND, fast)
-    assert world.robots[0].body.scene is world.robots[1].body.scene
+    assert world.robots[0].body.world is world.robots[1].body.world
     last = drive(world, 200, fast, BRAKE, fast)[-1]
     # as far as in 1.75 s at full speed, but for the gap between them
     assert last[0].position[0] == pytest.approx(1.05, abs=0.02)
@@ -193,7 +185,7 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
     first, second = world.robots
 
     def isolated() -> bool:
-        return first.body.scene is not second.body.scene
+        return first.body.world is not second.body.world
 
     drive(world, 10, STAND, STAND)
     assert isolated()

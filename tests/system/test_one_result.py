@@ -16,7 +16,7 @@ import pytest
 from harness import COMMAND_GUARD_S, ROOT, SCENARIOS, mecazen, options
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario, parse_settings
-from mecazen_physics import bodies
+from mecazen_physics import body, world
 from mecazen_tools.simulate import collect, simulate, simulate_distributed
 
 HARD = (
@@ -91,8 +91,9 @@ def test_where_objects_lie_in_memory_changes_no_collision(monkeypatch):
 
         return scatter_and_build
 
-    for name in ("build_robot", "build_legs", "add_rims"):
-        monkeypatch.setattr(bodies, name, scattered(getattr(bodies, name)))
+    built = (body, "_build"), (world, "build_legs"), (body.RobotBody, "add_rims")
+    for owner, name in built:
+        monkeypatch.setattr(owner, name, scattered(getattr(owner, name)))
     scenario = load_scenario(SCENARIOS / "safety.toml", parse_settings(KICKED))
     found = [simulate(scenario, "safety")[0].trajectory_sha256 for _ in range(5)]
     assert len(set(found)) == 1

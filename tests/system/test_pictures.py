@@ -8,7 +8,7 @@ from harness import ROOT
 from mecazen.links import base_link, robot_links
 from mecazen.loading import load_scenario, scenario_path
 from mecazen.wheels import WheelCommand
-from mecazen_physics.bodies import GRAVITY
+from mecazen_physics.world import GRAVITY
 
 from docs.pictures import charts, rollers
 from docs.pictures.__main__ import DOCS, PICTURES, main

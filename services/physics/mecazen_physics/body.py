@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any
 
 import dartpy as dart
+import numpy as np
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.geometry import Pose2D
+from mecazen.links import base_link, lump, robot_links
 from mecazen.robot import WHEELS, Robot
+from mecazen.rollers import Roller
 
-from mecazen_physics import bodies
-from mecazen_physics.scene import Layers, Scene
-from mecazen_physics.state import BASE_DOFS, ROOT_DOFS, Motion, quaternion
+from mecazen_physics.errors import UnsupportedError
+from mecazen_physics.state import BASE_DOFS, in_axes_at, quaternion
+from mecazen_physics.world import (
+    PERSON_FRICTION,
+    SOLID_FRICTION,
+    DartWorld,
+    Layers,
+    add_shape,
+    ground_frictions,
+    upright,
+)
 
-Drive = Literal["servo", "torque"]
-"""Quantity that the motors control: a speed within their torque limit, or a torque."""
-_ACTUATORS = {"servo": dart.dynamics.SERVO, "torque": dart.dynamics.FORCE}
 MAX_TILT_RAD = 0.05
 """Maximum tilt of a robot whose wheels stand on the ground [rad]."""
 LIFT_M_S = 0.02
@@ -27,61 +35,87 @@ DEEPEST_M = 1e-3
 ALIGNED_RAD = math.radians(2.0)
 """Maximum angle between the axes of DART and rollers: friction is then 1/cos 2° = 1.0006 of its
 value."""
+AXLE_STOP_RAD = 0.1
+"""Angle at which the front axle meets its stops [rad]."""
+_NO_MASS = 1e-9
 
 
 class RobotBody:
-    """A robot in a scene."""
+    """A robot in a DART world, at rest at `start`.
+
+    Raises:
+        UnsupportedError: A roller's bearing has too much friction for the step.
+    """
 
     def __init__(
         self,
-        scene: Scene,
+        dart_world: DartWorld,
         robot: Robot,
         start: Pose2D,
         physics: PhysicsConfig,
         world: WorldConfig,
     ) -> None:
-        self.scene = scene
-        self._robot = robot
+        _check_bearings(robot, physics)
+        self.world = dart_world
+        self._robot, self._dt = robot, physics.dt_s
         self._half_wheelbase, self._half_track = robot.half_wheelbase, robot.half_track
-        self._dt = physics.dt_s
-        self.skeleton, joints = bodies.build_robot(robot, start, world)
+        self.skeleton, joints = _build(robot, start, world)
+        self._root, self._axle = self.skeleton.getJoint(0), self.skeleton.getJoint(1)
         self.wheels = joints[: len(WHEELS)]
         """The joints that motors drive."""
         children = [joint.getChildBodyNode() for joint in joints]
-        self._hubs, self.rollers = children[: len(WHEELS)], children[len(WHEELS) :]
+        self.hubs, self.rollers = children[: len(WHEELS)], children[len(WHEELS) :]
+        """The bodies of the wheels without their rollers, and those of the rollers by wheel."""
+        count = robot.rollers.count
+        shapes = [roller.getShapeNode(0) for roller in self.rollers]
+        self._shapes = [shapes[i * count : (i + 1) * count] for i in range(len(WHEELS))]
+        """The shapes of the rollers of each wheel."""
         base = self.skeleton.getBodyNode(0)
-        self._layers: Layers = {"base": [base], "wheel": self._hubs, "roller": self.rollers}
-        self.drive: Drive = "torque"
-        """Quantity that the motors control now."""
+        self._base_shapes = base.getShapeNodes()
+        self._lowest: list[int] = []
+        """The lowest roller of each wheel, or nothing while all shapes collide."""
+        self._position: list[float] = []
+        """Positions at the last call of `stand`."""
+        self._layers: Layers = {"base": [base], "wheel": self.hubs, "roller": self.rollers}
         self.is_projected = False
         """Whether the last call of `stand` has put all wheels on the ground plane."""
-        scene.add(self.skeleton, self._layers)
+        dart_world.add(self.skeleton, self._layers)
 
-    def read(self) -> Motion:
-        """Return the present motion."""
-        position, velocity = self.skeleton.getPositions(), self.skeleton.getVelocities()
-        return Motion(position.tolist(), velocity.tolist(), self.scene.heading)
+    def read(self) -> tuple[list[float], list[float]]:
+        """Return positions and velocities in the axes of the DART world.
 
-    def write(self, motion: Motion) -> None:
-        """Set the robot's motion; the scene's axes do not change."""
-        motion = motion.in_axes_at(self.scene.heading)
-        self.skeleton.setPositions(motion.position)
-        self.skeleton.setVelocities(motion.velocity)
+        The base comes first: a rotation vector [rad], base_link's origin [m] and the front axle's
+        angle [rad], and their rates [rad/s, m/s, rad/s]. Then come the joints, wheels and rollers,
+        [rad] and [rad/s].
+        """
+        return self.skeleton.getPositions().tolist(), self.skeleton.getVelocities().tolist()
 
     def align(self, yaw: float, yaw_rate: float, *, alone: bool) -> None:
-        """Turn the scene's axes to the rollers' if the robot is alone, else to the world's."""
-        off, heading = self.scene.alignment(yaw), 0.0
+        """Turn DART's axes to the rollers' if the robot is alone, else to the world's."""
+        off, heading = self.world.alignment(yaw), 0.0
         if alone and off is not None:
             if abs(off) <= ALIGNED_RAD:
                 return
             ahead = math.copysign(0.5 * ALIGNED_RAD, yaw_rate) if yaw_rate else 0.0
             heading = math.remainder(yaw - math.pi / 4.0 + ahead, math.tau)
-        if heading != self.scene.heading:
-            motion = self.read().in_axes_at(heading)
-            self.scene.turn(heading)
-            root = self.skeleton.getRootJoint()
-            root.setPositions(motion.position[:ROOT_DOFS])
-            root.setVelocities(motion.velocity[:ROOT_DOFS])
+        if heading != self.world.heading:
+            self._turn(self.world.heading - heading)
+            self.world.turn(heading)
+
+    def _turn(self, angle: float) -> None:
+        """Write the same motion in axes that are turned by -`angle`."""
+        position, velocity = self._root.getPositions().tolist(), self._root.getVelocities().tolist()
+        position, velocity = in_axes_at(position, velocity, angle)
+        self._root.setPositions(position)
+        self._root.setVelocities(velocity)
+
+    def move_to(self, world: DartWorld) -> None:
+        """Leave the present world, and enter another one with the same motion."""
+        self.expose_all()
+        self.world.remove(self.skeleton)
+        self._turn(self.world.heading - world.heading)
+        world.add(self.skeleton, self._layers)
+        self.world = world
 
     def stand(self) -> None:
         """Project the positions so that all wheels stand on the ground plane.
@@ -95,8 +129,8 @@ class RobotBody:
         `DEEPEST_M`, nothing is done.
         """
         self.is_projected = False
-        position = self.skeleton.getPositions()
-        rx, ry, rz, _, _, z, axle = position[:BASE_DOFS].tolist()
+        self._position = self.skeleton.getPositions().tolist()
+        rx, ry, rz, x, y, z, axle = self._position[:BASE_DOFS]
         qx, qy, qz, qw = quaternion(rx, ry, rz)
         ahead = 2.0 * self._half_wheelbase * (qx * qz - qw * qy)
         aside = 2.0 * self._half_track * (qy * qz + qw * qx)
@@ -104,8 +138,8 @@ class RobotBody:
         if max(z + ahead + front, z - ahead + rear) > LIFT_M_S * self._dt:
             return
         if min(z + ahead - front, z - ahead - rear) > -DEEPEST_M:
-            position[0] = position[1] = position[5] = position[6] = 0.0
-            self.skeleton.setPositions(position)
+            self._root.setPositions((0.0, 0.0, rz, x, y, 0.0))
+            self._axle.setPosition(0, 0.0)
             self.is_projected = True
 
     def lift(self) -> None:
@@ -114,50 +148,153 @@ class RobotBody:
         The origin of base_link is the mean of the wheels' lowest points, so no attitude of a robot
         above the ground brings it below.
         """
-        position = self.skeleton.getPositions()
+        position = self._root.getPositions()
         if -self._robot.rollers.max_radius_m < position[5] < -DEEPEST_M:
             position[5] = 0.0
-            self.skeleton.setPositions(position)
+            self._root.setPositions(position)
+
+    def expose_lowest(self) -> None:
+        """Let only the lowest roller of each wheel and its two neighbours collide, not the base.
+
+        Call it after each step: within a step, a wheel at its highest speed passes no roller. The
+        search for the contacts of all shapes takes an eighth of the time of a tick.
+        """
+        count = len(self._shapes[0])
+        pitch = math.tau / count
+        angles = self._position[BASE_DOFS : BASE_DOFS + len(WHEELS)]
+        if not math.isfinite(sum(angles)):
+            return  # diverged, which `check_converged` reports
+        lowest = [-round(angle / pitch) % count for angle in angles]
+        if lowest != self._lowest:
+            self._lowest = lowest
+            self.world.hide(self._base_shapes)
+            for shapes, number in zip(self._shapes, lowest, strict=True):
+                near = [shapes[number - 1], shapes[number], shapes[number + 1 - count]]
+                self.world.hide(shape for shape in shapes if shape not in near)
+                self.world.show(near)
+
+    def expose_all(self) -> None:
+        """Let the base and all rollers collide."""
+        if self._lowest:
+            self._lowest = []
+            self.world.show(self._base_shapes)
+            for shapes in self._shapes:
+                self.world.show(shapes)
 
     def add_rims(self) -> None:
         """Add the rims of the wheels, which obstacles, people and other robots touch.
 
-        A robot that never meets another has no rims: they would take time, and change the order in
-        which DART finds contacts.
+        A rim is the cylinder round all rollers of a wheel. A rim has no friction: a roller gives
+        way across its axis, so two touching rollers transmit a force along the surface only if
+        their axes are parallel. A robot that never meets another has no rims: they would take time,
+        and change the order in which DART finds contacts.
         """
-        if not self._hubs[0].getShapeNodes():
-            bodies.add_rims(self._hubs, self._robot)
-            self.scene.renew_detector()
+        if self.hubs[0].getShapeNodes():
+            return
+        robot = self._robot
+        centres, radii = Roller.from_robot(robot).spheres(robot.rollers.hull_spheres)
+        rollers = 2.0 * float(np.max(centres * math.cos(robot.roller_angle) + radii))
+        width = max(robot.wheels.hub_width_m, rollers)
+        for hub in self.hubs:
+            rim = add_shape(hub, dart.dynamics.CylinderShape(robot.wheels.radius_m, width), 0.0)
+            rim.setRelativeRotation([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+        self.world.renew_detector()
 
     def set_friction(self, coefficients: Sequence[float]) -> None:
         """Set the coefficient between the rollers of each wheel and the ground."""
-        count = len(self.rollers) // len(WHEELS)
-        for wheel, friction in enumerate(coefficients):
-            for roller in self.rollers[wheel * count : (wheel + 1) * count]:
-                roller.getShapeNode(0).getDynamicsAspect().setFrictionCoeff(friction)
+        for friction, shapes in zip(coefficients, self._shapes, strict=True):
+            for shape in shapes:
+                shape.getDynamicsAspect().setFrictionCoeff(friction)
 
-    def leave(self) -> Motion:
-        """Leave the scene; return the motion."""
-        motion = self.read()
-        self.scene.remove(self.skeleton)
-        return motion
 
-    def enter(self, scene: Scene, motion: Motion) -> None:
-        """Enter a scene with a motion."""
-        scene.add(self.skeleton, self._layers)
-        self.scene = scene
-        self.write(motion)
+def _check_bearings(robot: Robot, physics: PhysicsConfig) -> None:
+    """Refuse a friction c that slows a roller down within a few steps.
 
-    def use(self, drive: Drive) -> None:
-        """Take the wheels' commands as speeds [rad/s] or as torques [N·m]."""
-        if drive != self.drive:
-            self.drive = drive
-            for wheel in self.wheels:
-                wheel.setActuatorType(_ACTUATORS[drive])
+    DART damps a joint before it solves the contacts. So a roller that the ground keeps turning has
+    the friction c/(1 + c·dt/I) instead of c.
+    """
+    highest = 0.1 * Roller.from_robot(robot).inertia[1] / physics.dt_s
+    friction = robot.rollers.bearing_friction_nms
+    if friction > highest:
+        raise UnsupportedError(
+            f"rollers.bearing_friction_nms = {friction} must be below {highest:.3g}, "
+            f"or physics.dt_s = {physics.dt_s} smaller, to be simulated within 10 %"
+        )
 
-    def torques(self) -> list[float]:
-        """Return the torques of the wheels' motors in the last step [N·m]."""
-        if self.drive == "servo":
-            # DART's servo is a velocity constraint; its torque is that constraint's impulse.
-            return [wheel.getConstraintImpulse(0) / self._dt for wheel in self.wheels]
-        return [wheel.getCommand(0) for wheel in self.wheels]
+
+def _build(robot: Robot, start: Pose2D, world: WorldConfig) -> tuple[Any, list[Any]]:
+    """Return the skeleton of the robot and the joints of its wheels and rollers.
+
+    Camera, lidar and payload are shapes and mass of the base: a separate body for each would cost 5
+    % of the speed.
+
+    The front wheels are on an axle that swings about its middle, as in platforms of this
+    kind. If the robot were rigid, two diagonally opposite wheels would carry the whole weight.
+    The rollers of these two wheels are parallel, so the robot would glide across them with all
+    wheels at rest.
+    """
+    links = robot_links(robot)
+    skeleton = dart.dynamics.Skeleton("robot")
+    root, base = skeleton.createFreeJointAndBodyNodePair()
+    base.setName("base_link")
+    root.setTransform(upright(start, 0.0))
+    trunk = [base_link(robot), *(link for link in links if link.axis is None)]
+    base.setInertia(dart.dynamics.Inertia(*lump(trunk)))
+    # DART uses the lower coefficient of two touching bodies. The robot's own surface gets the
+    # highest, so the coefficient of the other body applies. Between two robots the highest applies.
+    solid = SOLID_FRICTION if world.solids else 0.0
+    friction = max(*ground_frictions(robot, world), PERSON_FRICTION, solid)
+    _add_base_shapes(base, robot, friction)
+    hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
+    axle = _add_axle(base, hinge)
+    bodies, joints = {"base_link": base}, []
+    for link in links:
+        if link.axis is None:
+            continue
+        parent, place = bodies[link.parent], np.array(link.translation)
+        if parent is base and link.translation[0] > 0.0:
+            parent, place = axle, place - hinge
+        joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
+        joint.setName(link.joint)
+        body.setName(link.name)
+        joint.setAxis(link.axis)
+        joint.setTransformFromParentBodyNode(dart.math.Isometry3(link.rotation, place))
+        body.setInertia(dart.dynamics.Inertia(link.mass, link.centre, np.diag(link.moments)))
+        bodies[link.name] = body
+        joints.append(joint)
+    limit = robot.wheels.max_torque_nm
+    for wheel in joints[: len(WHEELS)]:
+        wheel.setForceUpperLimit(0, limit)
+        wheel.setForceLowerLimit(0, -limit)
+    centres, radii = Roller.from_robot(robot).spheres(robot.rollers.hull_spheres)
+    spheres = zip(radii, centres, strict=True)
+    barrel = dart.dynamics.MultiSphereConvexHullShape([(r, [0.0, 0.0, z]) for r, z in spheres])
+    for roller in joints[len(WHEELS) :]:
+        roller.setDampingCoefficient(0, robot.rollers.bearing_friction_nms)
+        add_shape(roller.getChildBodyNode(), barrel, friction)
+    return skeleton, joints
+
+
+def _add_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
+    joint, axle = base.createRevoluteJointAndBodyNodePair()
+    joint.setName("front_axle_joint")
+    axle.setName("front_axle")
+    joint.setAxis([1.0, 0.0, 0.0])
+    joint.setTransformFromParentBodyNode(dart.math.Isometry3(np.eye(3), hinge))
+    joint.setPositionLowerLimit(0, -AXLE_STOP_RAD)
+    joint.setPositionUpperLimit(0, AXLE_STOP_RAD)
+    joint.setLimitEnforcement(True)
+    # The axle's mass is included in the base.
+    axle.setInertia(dart.dynamics.Inertia(_NO_MASS, np.zeros(3), _NO_MASS * np.eye(3)))
+    return axle
+
+
+def _add_base_shapes(base: Any, robot: Robot, friction: float) -> None:
+    size = [robot.base.length_m, robot.base.width_m, robot.base.height_m]
+    lidar = dart.dynamics.CylinderShape(*robot.lidar.size_m)
+    camera = dart.dynamics.BoxShape(robot.camera.size_m)
+    add_shape(base, dart.dynamics.BoxShape(size), friction, base_link(robot).centre)
+    add_shape(base, camera, friction, robot.camera.position_m)
+    add_shape(base, lidar, friction, robot.lidar.position_m)
+    if (load := robot.payload) is not None:
+        add_shape(base, dart.dynamics.BoxShape(load.size_m), friction, load.position_m)

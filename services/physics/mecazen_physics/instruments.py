@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from mecazen import messages as m
 from mecazen.config.sensors import BatteryConfig, EncodersConfig, ImuConfig
+from mecazen.robot import WHEELS
 from numpy.random import PCG64, Generator
 
-from mecazen_physics.bodies import GRAVITY
-from mecazen_physics.motor_model import supply
+from mecazen_physics.motors import supply
 from mecazen_physics.state import RobotState, Vector, unrotate
+from mecazen_physics.world import GRAVITY
 
 NOT_MEASURED = (-1.0, *(0.0,) * 8)
 """ROS's covariance of a quantity that a sensor does not measure."""
@@ -121,7 +122,9 @@ class Battery:
         """Return the sample of a state; call it once in each period."""
         config = self._config
         noise = config.voltage_std_v * float(self._random.standard_normal())
-        voltage = config.voltage_v * supply(self._sag_per_nm, state) + noise
+        voltage = (
+            config.voltage_v * supply(self._sag_per_nm, state.joint_effort[: len(WHEELS)]) + noise
+        )
         return m.BatteryState(
             header=m.Header(stamp=time, frame_id="base_link"),
             voltage=float(np.float32(voltage)),

@@ -2,22 +2,120 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+import math
+from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
+import dartpy as dart
 from mecazen.config import PhysicsConfig
 from mecazen.config.services import Pid
 from mecazen.robot import WHEELS, RealMotors, Robot
 from mecazen.wheels import WheelCommand
 from msgspec.structs import replace
 
-from mecazen_physics.body import RobotBody
-from mecazen_physics.motor_model import MotorModel, friction, supply
-from mecazen_physics.state import RobotState
+STILL_RAD_S = 0.02
+"""Below this speed Coulomb friction grows with speed, so that it does not flip its sign at rest."""
+Values = tuple[float, ...]
+"""Speeds [rad/s] or torques [N·m] of the four wheels."""
 
-Push = Callable[[], object]
-"""Sets the wheels' commands before a step."""
+
+class Motors:
+    """The four motors of a robot.
+
+    A commanded speed is held by DART's servo within the motor's torque, or controlled by a PID for
+    each wheel if `physics.drive` is "effort". Speeds and torques are clipped at the motor's limits,
+    and a torque does not accelerate a wheel beyond its maximum speed. With a table `motors` in the
+    robot file, the motors follow commands as real motors do, and friction is subtracted from the
+    torque at a wheel.
+
+    Args:
+        robot: The robot, with the motors' limits.
+        physics: Settings of the drive.
+        wheels: The wheels' joints in DART.
+    """
+
+    def __init__(self, robot: Robot, physics: PhysicsConfig, wheels: Sequence[Any]) -> None:
+        self._wheels, self._dt = wheels, physics.dt_s
+        self._max_torque = robot.wheels.max_torque_nm
+        self._max_speed = robot.wheels.max_speed_rad_s
+        self._real = robot.motors if physics.motors == "robot" else None
+        self._pids: list[WheelPid] = []
+        if physics.drive == "effort":
+            self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
+        self._responses: dict[bool, MotorModel] = {}
+        """The responses of real motors to speeds and to torques."""
+        if self._real is not None:
+            torque = replace(self._real, dead_band_rad_s=0.0)
+            self._responses = {
+                False: MotorModel(self._real, physics.dt_s),
+                True: MotorModel(torque, physics.dt_s),
+            }
+        self._is_effort = True
+        self._values: Values = (0.0,) * len(WHEELS)
+        self._response: MotorModel | None = None
+        self._supplied = 1.0
+        self._servo = False
+
+    def command(self, command: WheelCommand, efforts: Sequence[float]) -> None:
+        """Take a command from now on; `efforts` are the motors' last torques [N·m]."""
+        limit = self._max_torque if command.is_effort else self._max_speed
+        self._is_effort = command.is_effort
+        self._values = tuple([min(max(value, -limit), limit) for value in command.values])
+        self._use(servo=not (command.is_effort or self._pids))
+        if self._real is not None:
+            self._response = self._responses[command.is_effort]
+            self._response.give(self._values)
+            self._supplied = supply(self._real.sag_per_nm, efforts)
+        elif self._servo:
+            self._set(self._values)
+
+    def step(self) -> None:
+        """Set the commands of DART's joints for the next step."""
+        if self._response is not None:
+            values = self._response.step(self._supplied)
+        elif self._servo:
+            return
+        else:
+            values = self._values
+        if self._servo:
+            self._set(values)
+            return
+        speeds = [wheel.getVelocity(0) for wheel in self._wheels]
+        if not self._is_effort:
+            goals = zip(self._pids, values, speeds, strict=True)
+            values = tuple([pid.update(goal - speed) for pid, goal, speed in goals])
+        self._set([self._limited(*pair) for pair in zip(values, speeds, strict=True)])
+
+    def torques(self) -> list[float]:
+        """Return the torques of the motors in the last step [N·m]."""
+        if self._servo:
+            # DART's servo is a velocity constraint; its torque is that constraint's impulse.
+            torques = [wheel.getConstraintImpulse(0) / self._dt for wheel in self._wheels]
+        else:
+            torques = [wheel.getCommand(0) for wheel in self._wheels]
+        if self._real is None:
+            return torques
+        speeds = [wheel.getVelocity(0) for wheel in self._wheels]
+        return [t + friction(self._real, s) for t, s in zip(torques, speeds, strict=True)]
+
+    def _use(self, *, servo: bool) -> None:
+        if servo != self._servo:
+            self._servo = servo
+            actuator = dart.dynamics.SERVO if servo else dart.dynamics.FORCE
+            for wheel in self._wheels:
+                wheel.setActuatorType(actuator)
+
+    def _set(self, values: Sequence[float]) -> None:
+        for wheel, value in zip(self._wheels, values, strict=True):
+            wheel.setCommand(0, value)
+
+    def _limited(self, torque: float, speed: float) -> float:
+        """Return the torque at a wheel [N·m], within the motor's limits at its speed [rad/s]."""
+        upper = self._max_torque if speed < self._max_speed else 0.0
+        lower = -self._max_torque if speed > -self._max_speed else 0.0
+        torque = min(max(torque, lower), upper)
+        return torque if self._real is None else torque - friction(self._real, speed)
 
 
 class WheelPid:
@@ -45,94 +143,69 @@ class WheelPid:
         return min(max(torque, -self._max_torque), self._max_torque)
 
 
-class Motors:
-    """The four motors of a robot.
+class MotorModel:
+    """The response of the four wheels to their commands.
 
-    Speeds and torques are clipped at the motor's limits, and a torque does not accelerate a wheel
-    beyond its maximum speed. With a table `motors` in the robot file, the motors follow commands as
-    real motors do, and friction is subtracted from the torque at a wheel.
+    Args:
+        motors: Parameters of the motors.
+        dt: Physics step [s].
     """
 
-    def __init__(self, robot: Robot, physics: PhysicsConfig) -> None:
-        self._max_torque = robot.wheels.max_torque_nm
-        self._max_speed = robot.wheels.max_speed_rad_s
-        self._pids: list[WheelPid] = []
-        real = robot.motors if physics.motors == "robot" else None
-        self._real = real
-        self._speeds = self._torques = None
-        if real is not None:
-            self._speeds = MotorModel(real, physics.dt_s)
-            self._torques = MotorModel(replace(real, dead_band_rad_s=0.0), physics.dt_s)
-        if physics.drive == "effort":
-            self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
+    def __init__(self, motors: RealMotors, dt: float) -> None:
+        self._motors, self._dt = motors, dt
+        self._steps = 0
+        self._commands: deque[tuple[float, Values]] = deque()
+        """Pending commands, with the times at which they arrive at the motors [s]."""
+        self._newest: Values = (0.0,) * len(WHEELS)
+        self._in_force = self._newest
+        self._output = self._newest
 
-    def apply(self, command: WheelCommand, body: RobotBody, state: RobotState) -> Push | None:
-        """Send a command to the motors of `body`.
+    def give(self, command: Sequence[float]) -> None:
+        """Take a command from now on: speeds [rad/s], or torques [N·m]."""
+        values = tuple(command)
+        if values != self._newest:
+            self._newest = values
+            self._commands.append((self._steps * self._dt + self._motors.delay_s, values))
 
-        Returns:
-            A function to call before each step, if needed.
+    def step(self, supplied: float) -> Values:
+        """Return the output at the end of the next step: speeds [rad/s], or torques [N·m].
+
+        Args:
+            supplied: Share of the supply voltage that remains under load.
         """
-        if self._real is not None:
-            return self._apply_real(self._real, command, body, state)
-        if command.is_effort:
-            body.use("torque")
-            return partial(self._push, body.wheels, command.values)
-        limit = self._max_speed
-        target = [min(max(speed, -limit), limit) for speed in command.values]
-        if self._pids:
-            body.use("torque")
-            return partial(self._control, body.wheels, target)
-        body.use("servo")
-        for wheel, speed in zip(body.wheels, target, strict=True):
-            wheel.setCommand(0, speed)
-        return None
+        now, end = self._steps * self._dt, (self._steps + 1) * self._dt
+        while self._commands and self._commands[0][0] < end:
+            arrival, values = self._commands.popleft()
+            self._follow(max(arrival - now, 0.0), supplied)
+            now, self._in_force = max(arrival, now), values
+        self._follow(end - now, supplied)
+        self._steps += 1
+        return self._output
 
-    def _apply_real(
-        self, real: RealMotors, command: WheelCommand, body: RobotBody, state: RobotState
-    ) -> Push:
-        """Send a command to real motors; see `apply`."""
-        supplied, wheels = supply(real.sag_per_nm, state), body.wheels
-        limit = self._max_torque if command.is_effort else self._max_speed
-        motors = self._torques if command.is_effort else self._speeds
-        assert motors is not None
-        motors.give([min(max(value, -limit), limit) for value in command.values])
-        if not command.is_effort and not self._pids:
-            body.use("servo")
+    def _follow(self, duration: float, supplied: float) -> None:
+        """Follow the command in force, which is constant, for a duration [s]."""
+        goal = self._shaped(self._in_force, supplied)
+        lag = self._motors.time_constant_s
+        left = math.exp(-duration / lag) if lag > 0.0 else float(duration == 0.0)
+        self._output = tuple(
+            aim + left * (value - aim) for aim, value in zip(goal, self._output, strict=True)
+        )
 
-            def follow() -> None:
-                for wheel, speed in zip(wheels, motors.step(supplied), strict=True):
-                    wheel.setCommand(0, speed)
+    def _shaped(self, values: Values, supplied: float) -> Values:
+        dead = self._motors.dead_band_rad_s
+        return tuple(
+            gain * supplied * math.copysign(max(abs(value) - dead, 0.0), value)
+            for gain, value in zip(self._motors.gains, values, strict=True)
+        )
 
-            return follow
-        body.use("torque")
 
-        def push() -> None:
-            values = motors.step(supplied)
-            if command.is_effort:
-                self._push(wheels, values)
-            else:
-                self._control(wheels, values)
+def friction(motors: RealMotors, speed: float) -> float:
+    """Return the friction torque of motor and gear [N·m] at a wheel's speed [rad/s]."""
+    part = min(max(speed / STILL_RAD_S, -1.0), 1.0)
+    return motors.coulomb_nm * part + motors.viscous_nms * speed
 
-        return push
 
-    def _control(self, wheels: Sequence[Any], target: Sequence[float]) -> None:
-        """Set the torques that bring the wheels to the speeds `target` [rad/s]."""
-        torques = [
-            pid.update(goal - wheel.getVelocity(0))
-            for pid, goal, wheel in zip(self._pids, target, wheels, strict=True)
-        ]
-        self._push(wheels, torques)
-
-    def _push(self, wheels: Sequence[Any], torques: Sequence[float]) -> None:
-        """Set the wheels' torques [N·m], within the motors' limits at the present speeds."""
-        limit, fastest = self._max_torque, self._max_speed
-        for wheel, torque in zip(wheels, torques, strict=True):
-            speed = wheel.getVelocity(0)
-            upper = limit if speed < fastest else 0.0
-            lower = -limit if speed > -fastest else 0.0
-            given = min(max(torque, lower), upper)
-            wheel.setCommand(0, given - self.friction(speed))
-
-    def friction(self, speed: float) -> float:
-        """Return the torque that friction of motor and gear takes at a wheel's speed [rad/s]."""
-        return 0.0 if self._real is None else friction(self._real, speed)
+def supply(sag_per_nm: float, torques: Sequence[float]) -> float:
+    """Return the share of the supply voltage that remains under the motors' torques [N·m]."""
+    load = math.fsum(map(abs, torques))
+    return max(1.0 - sag_per_nm * load, 0.0)

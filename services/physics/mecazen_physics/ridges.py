@@ -19,8 +19,8 @@ from mecazen.portable import Floats
 from mecazen.robot import WHEELS, Robot
 from mecazen.rollers import Roller
 
-from mecazen_physics import bodies
-from mecazen_physics.scene import Scene
+from mecazen_physics.body import RobotBody
+from mecazen_physics.world import DartWorld, add_shape
 
 NEAR_M = 0.002
 """A roller this close to a ridge gets a plane: no roller moves farther within a step."""
@@ -84,26 +84,34 @@ class RidgeContacts:
     """The planes that carry a robot's rollers over ridges."""
 
     def __init__(
-        self,
-        robot: Robot,
-        ridges: Sequence[Ridge],
-        wheels: Sequence[Any],
-        rollers: Sequence[Any],
-        friction: float,
+        self, robot: Robot, ridges: Sequence[Ridge], body: RobotBody, friction: float
     ) -> None:
         self._profiles = [Profile(ridge) for ridge in ridges]
-        self._hubs, self._rollers = wheels, rollers
+        self._hubs, self._rollers = body.hubs, body.rollers
         centres, self._radii = Roller.from_robot(robot).spheres(robot.rollers.hull_spheres)
         self._centres, self._count = centres, robot.rollers.count
         reach = float(np.max(np.abs(centres) + self._radii))
         self._bound = reach + NEAR_M
         self._wheel_bound = math.hypot(robot.wheels.radius_m, reach) + NEAR_M
-        self.skeleton, self.planes = bodies.build_planes(PLANES, friction)
-        self._joints = [plane.getParentJoint() for plane in self.planes]
+        self._skeleton = dart.dynamics.Skeleton("planes")
+        pairs = [self._skeleton.createWeldJointAndBodyNodePair() for _ in range(PLANES)]
+        self._joints, self._planes = zip(*pairs, strict=True)
+        for plane in self._planes:
+            add_shape(plane, dart.dynamics.PlaneShape([0.0, 0.0, 1.0], 0.0), friction)
+        self._skeleton.setMobile(False)
         self._carried: dict[int, tuple[int, int]] = {}
         """The ridge and the roller of each plane in use."""
 
-    def lay(self, scene: Scene) -> None:
+    def enter(self, world: DartWorld) -> None:
+        """Add the planes to a world."""
+        world.add(self._skeleton, {"plane": self._planes})
+
+    def leave(self, world: DartWorld) -> None:
+        """Remove all planes from a world."""
+        self._assign(world, ())
+        world.remove(self._skeleton)
+
+    def lay(self, world: DartWorld) -> None:
         """Place the planes for the next step."""
         hubs = np.array([hub.getWorldTransform().translation() for hub in self._hubs])
         wanted: dict[tuple[int, int], tuple[float, Any]] = {}
@@ -112,7 +120,7 @@ class RidgeContacts:
                 numbers = range(wheel * self._count, (wheel + 1) * self._count)
                 for number, gap, pose in self._touching(profile, numbers):
                     wanted[ridge, number] = gap, pose
-        self._assign(scene, sorted(wanted, key=lambda pair: wanted[pair][0])[:PLANES])
+        self._assign(world, sorted(wanted, key=lambda pair: wanted[pair][0])[:PLANES])
         for plane, pair in self._carried.items():
             self._joints[plane].setTransformFromParentBodyNode(wanted[pair][1])
 
@@ -137,18 +145,14 @@ class RidgeContacts:
                 pose = profile.plane(spheres[index, first], distance, way)
                 yield numbers[roller], gap, pose
 
-    def lift(self, scene: Scene) -> None:
-        """Release all planes."""
-        self._assign(scene, ())
-
-    def _assign(self, scene: Scene, wanted: Sequence[tuple[int, int]]) -> None:
+    def _assign(self, world: DartWorld, wanted: Sequence[tuple[int, int]]) -> None:
         """Assign a plane to each pair of ridge and roller; pairs keep their planes."""
         for plane, pair in [*self._carried.items()]:
             if pair not in wanted:
-                scene.keep_apart([self.planes[plane]], [self._rollers[pair[1]]])
+                world.keep_apart([self._planes[plane]], [self._rollers[pair[1]]])
                 del self._carried[plane]
         new = [pair for pair in wanted if pair not in self._carried.values()]
         free = [plane for plane in range(PLANES) if plane not in self._carried]
         for plane, pair in zip(free, new, strict=False):
-            scene.allow(self.planes[plane], self._rollers[pair[1]])
+            world.allow(self._planes[plane], self._rollers[pair[1]])
             self._carried[plane] = pair

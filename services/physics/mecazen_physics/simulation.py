@@ -13,7 +13,6 @@ from mecazen.wheels import WheelCommand
 
 from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, horizon_steps
-from mecazen_physics.motors import Push
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.robot import HYSTERESIS, SimulatedRobot
 
@@ -24,9 +23,9 @@ _UNLIMITED = 10**9
 class Simulation:
     """Robots, initially at rest at their start poses, and their surroundings.
 
-    A robot that is far from all others is simulated in a separate scene, and its motion is
+    A robot that is far from all others is simulated in a separate DART world, and its motion is
     bit-identical to that without other robots. Robots that are close to each other are simulated in
-    the scene of the first of them. Two simulations with the same arguments and commands have
+    the world of the first of them. Two simulations with the same arguments and commands have
     bit-identical states.
 
     Args:
@@ -62,14 +61,14 @@ class Simulation:
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
         """Simulate `steps` steps of `dt_s`, with a command for each robot."""
-        left = steps
-        while left > 0:
+        while steps > 0:
             if self._coupled or self._clear_steps <= 0:
                 self._clear_steps = self._update_groups()
-            chunk = min(left, max(self._horizon, self._clear_steps))
+            chunk = min(steps, max(self._horizon, self._clear_steps))
             for group in self._groups:
-                _advance_group([(self.robots[n], commands[n]) for n in group], chunk)
-            left -= chunk
+                robots, orders = [self.robots[n] for n in group], [commands[n] for n in group]
+                _advance_group(robots, orders, chunk, self._horizon)
+            steps -= chunk
             self._clear_steps -= chunk
 
     def place_person(self, number: int, person: MovingPerson) -> None:
@@ -94,16 +93,17 @@ class Simulation:
             The number of steps for which no other two robots can come close to each other.
         """
         centres = [robot.state.position[:2] for robot in self.robots]
-        coupled = set()
+        coupled = set[int]()
         clear = math.inf
-        for one, other in combinations(range(len(centres)), 2):
-            gap = math.dist(centres[one], centres[other]) - self._far
+        for pair in combinations(range(len(centres)), 2):
+            left, right = pair
+            gap = math.dist(centres[left], centres[right]) - self._far
             if gap <= 0.0:
-                first, second = self.robots[one].footprint(), self.robots[other].footprint()
-                margin = HYSTERESIS if {one, other} <= self._coupled else 1.0
+                first, second = self.robots[left].footprint(), self.robots[right].footprint()
+                margin = HYSTERESIS if self._coupled.issuperset(pair) else 1.0
                 gap = first.gap(second) - margin * first.travel(second)
             if gap <= 0.0:
-                coupled |= {one, other}
+                coupled.update(pair)
             else:
                 clear = min(clear, gap)
         if coupled != self._coupled:
@@ -111,36 +111,35 @@ class Simulation:
             apart = [[number] for number in range(len(centres)) if number not in coupled]
             self._groups = apart + ([sorted(coupled)] if coupled else [])
             for group in self._groups:
-                scene = self.robots[group[0]].home
+                world = self.robots[group[0]].home
                 for number in group:
-                    self.robots[number].share(scene, alone=len(group) == 1)
+                    self.robots[number].share(world, alone=len(group) == 1)
         return int(min(clear / self._approach, _UNLIMITED))
 
 
-def _advance_group(orders: Sequence[tuple[SimulatedRobot, WheelCommand]], steps: int) -> None:
-    """Simulate `steps` steps of one robot, or of several in the scene that they share."""
-    robots = [robot for robot, _ in orders]
-    scene, left = robots[0].body.scene, steps
-    while left > 0:
+def _advance_group(
+    robots: Sequence[SimulatedRobot], commands: Sequence[WheelCommand], steps: int, longest: int
+) -> None:
+    """Simulate `steps` steps of one robot, or of several in the world that they share.
+
+    Surroundings are examined at least every `longest` steps.
+    """
+    world = robots[0].body.world
+    while steps > 0:
+        chunk = min(steps, longest)
         people: dict[int, MovingPerson] = {}
-        for robot in robots:
+        for robot, command in zip(robots, commands, strict=True):
             robot.look_around()
+            robot.command(command)
             people |= robot.close_people
-        scene.show(people, obstacles=any(robot.near_obstacle for robot in robots))
-        scene.choose_solver(alone=robots[0].isolated, robots=len(robots))
-        chunk, pushes = left, list[Push]()
-        for robot, command in orders:
-            possible, before = robot.prepare(command, left)
-            chunk = min(chunk, possible)
-            pushes += before
-        standing = [robot.body.stand for robot in robots if robot.stands]
-        standing += [robot.body.lift for robot in robots if robot.close_people]
+        world.set_surroundings(people, obstacles=any(robot.near_obstacle for robot in robots))
+        world.choose_solver(alone=robots[0].isolated, robots=len(robots))
         for _ in range(chunk):
-            for push in pushes:
-                push()
-            scene.step(False)
-            for stand in standing:
-                stand()
+            for robot in robots:
+                robot.before_step()
+            world.step(False)
+            for robot in robots:
+                robot.after_step()
         for robot in robots:
-            robot.settle(chunk)
-        left -= chunk
+            robot.finish(chunk)
+        steps -= chunk

@@ -1,4 +1,4 @@
-"""A robot's motion in DART's coordinates, and its state in ROS's."""
+"""The state of a robot, from DART's coordinates to those of ROS."""
 
 from __future__ import annotations
 
@@ -14,34 +14,8 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
-ROOT_DOFS = 6
-"""Degrees of freedom of the base in space."""
 BASE_DOFS = 7
 """Degrees of freedom of the base in space and of its front axle."""
-
-
-class Motion(NamedTuple):
-    """Positions and velocities of a robot in DART's coordinates.
-
-    The base comes first: a rotation vector [rad], base_link's origin [m] and the front axle's angle
-    [rad], and their rates [rad/s, m/s, rad/s], in axes at `heading` about the vertical. Then come
-    the joints, wheels and every roller, [rad] and [rad/s].
-    """
-
-    position: list[float]
-    velocity: list[float]
-    heading: float = 0.0
-    """Angle from the world's axes to the axes of the coordinates, about the vertical [rad]."""
-
-    def in_axes_at(self, heading: float) -> Motion:
-        """Return the same motion in axes at `heading` [rad]."""
-        angle = self.heading - heading
-        position, velocity = self.position.copy(), self.velocity.copy()
-        position[:3] = _rotation_vector(_turned(quaternion(*position[:3]), angle))
-        for vector in (position, velocity):
-            vector[3:5] = rotate(vector[3], vector[4], angle)
-        velocity[:2] = rotate(velocity[0], velocity[1], angle)
-        return Motion(position, velocity, heading)
 
 
 class RobotState(NamedTuple):
@@ -66,15 +40,21 @@ class RobotState(NamedTuple):
 
     @classmethod
     def of(
-        cls, time: float, motion: Motion, torques: list[float], bearing_friction: float
+        cls,
+        time: float,
+        position: list[float],
+        velocity: list[float],
+        heading: float,
+        torques: list[float],
+        bearing_friction: float,
     ) -> RobotState:
         """Return the state at `time` [s].
 
-        `torques` are those of the wheels' motors [N·m]; the viscous friction of a roller's
-        bearing is in [N·m·s/rad].
+        `position` and `velocity` are those of `RobotBody.read`, in axes at `heading` from the
+        world's [rad]. `torques` are those of the wheels' motors [N·m]; the viscous friction of a
+        roller's bearing is in [N·m·s/rad].
         """
-        position, velocity, heading = motion
-        # in the axes of the motion, as its velocities
+        # in the axes of the velocities
         orientation = quaternion(*position[:3])
         x, y = rotate(position[3], position[4], heading)
         speeds = velocity[BASE_DOFS:]
@@ -128,6 +108,16 @@ def check_converged(state: RobotState, before: RobotState, depth: float, speed: 
         f"{before.orientation}, velocity {before.linear} m/s, {before.angular} rad/s, "
         f"wheels {before.joint_velocity[: len(WHEELS)]} rad/s"
     )
+
+
+def in_axes_at(
+    position: list[float], velocity: list[float], angle: float
+) -> tuple[list[float], list[float]]:
+    """Return a free joint's positions and velocities (6,) in axes that are turned by -`angle`."""
+    rotation = _rotation_vector(_turned(quaternion(*position[:3]), angle))
+    place = rotate(position[3], position[4], angle)
+    spin, speed = rotate(velocity[0], velocity[1], angle), rotate(velocity[3], velocity[4], angle)
+    return [*rotation, *place, position[5]], [*spin, velocity[2], *speed, velocity[5]]
 
 
 def quaternion(x: float, y: float, z: float) -> Quaternion:
