@@ -4,7 +4,7 @@ To add an estimator, subclass `Estimator` with a name. Scenarios select it by th
 """
 
 # each module registers its estimators when it is imported
-from mecazen_follower.estimators import imm, linear  # noqa: F401
+from mecazen_follower.estimators import imm, kf  # noqa: F401
 from mecazen_follower.estimators.base import Array, Estimate, Estimator, make_estimator
 
 ESTIMATORS = Estimator.registry

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from mecazen.config.follower import ConstantVelocityParams, DisplacementParams
 from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen.portable import product
+from mecazen.portable import inverse
 
 from mecazen_follower.estimators.base import (
     INITIAL_SPEED_STD_M_S,
@@ -152,9 +152,9 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
             weight = -math.expm1(-self._elapsed / self._smoothing)
             displacement = (kf.x - self._corrected) / self._elapsed
             displacement[2] = 0.0
-            self._velocity += weight * (displacement - self._velocity)
+            self._velocity = self._velocity + weight * (displacement - self._velocity)
             kf.x[2] = self._yaw(float(kf.x[2]), observation.yaw, weight)
-        kf.P[2, 2] = noise[2, 2]  # unfiltered yaw: the variance of one observation
+        kf.P[2, 2] = float(noise[2, 2])  # unfiltered yaw: the variance of one observation
         self._corrected = kf.x.copy()
         self._elapsed = 0.0
 
@@ -181,15 +181,21 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
 
 
 def kalman(state: Array, covariance: Array, H: Array) -> Any:
-    """Return a filter that starts with a state (n) and observes H (m, n) times the state."""
-    # imported late: the import takes a second, and every process reads the follower's configuration
-    from mecazen_follower.estimators.kalman import PortableFilter  # noqa: PLC0415
+    """Return filterpy's filter, which starts with a state (n) and observes H (m, n) times it.
 
-    kf = PortableFilter(dim_x=len(state), dim_z=len(H))
-    kf.x, kf.P, kf.H = state, covariance, H
+    Its arrays hold Python's floats: NumPy multiplies such arrays without BLAS, whose results depend
+    on the processor.
+    """
+    # imported late: the import takes a second, and every process reads the follower's configuration
+    from filterpy.kalman import KalmanFilter  # noqa: PLC0415
+
+    kf = KalmanFilter(dim_x=len(state), dim_z=len(H))
+    kf.x, kf.P, kf.H = state.astype(object), covariance.astype(object), H
+    kf.inv = lambda S: inverse(S.astype(float))
     return kf
 
 
 def nis_of(kf: Any) -> float:
     """Return the normalised innovation squared of the last update."""
-    return float(np.sum(kf.y * product(kf.SI, kf.y)))
+    y = kf.y.astype(float)
+    return float(np.einsum("i,ij,j", y, kf.SI, y))
