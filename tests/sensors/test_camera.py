@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from mecazen.arrays import rotate
 from mecazen.config.sensors import TrackerConfig
-from mecazen.geometry import Pose2D
 from mecazen.robot import CameraMount
-from mecazen_sensors.camera import Camera
+from mecazen_sensors.camera import CameraView
 from people import NEXUS
 
 PERSON_M = 1.75
@@ -28,7 +26,7 @@ def mounted(height, pitch_deg=0.0, yaw_deg=0.0):
 
 
 def sees(mount, *points):
-    camera = Camera(mount, TrackerConfig(min_range_m=0.01, max_range_m=5.0))
+    camera = CameraView(mount, TrackerConfig(min_range_m=0.01, max_range_m=5.0))
     return camera.look(np.array(points) - mount.position_m)[1].tolist()
 
 
@@ -52,18 +50,10 @@ def test_a_low_level_camera_sees_the_legs_only():
 def test_a_camera_looks_where_it_is_panned_and_tilted_to():
     mount = mounted(0.5, pitch_deg=30.0, yaw_deg=90.0)
     up = 2.0 * math.tan(math.radians(30.0))
-    camera = Camera(mount, TrackerConfig(max_range_m=3.0))
+    camera = CameraView(mount, TrackerConfig(max_range_m=3.0))
     depths, inside = camera.look(np.array(((0.0, 2.0, up), (2.0, 0.0, up), (0.0, 3.0, 1.5 * up))))
     assert depths[0] == pytest.approx(math.hypot(2.0, up))
     assert inside.tolist() == [True, False, False]
-
-
-def test_the_robot_carries_its_camera():
-    camera = Camera(NEXUS.camera, TrackerConfig())
-    robot = Pose2D(1.0, 2.0, math.pi / 2)
-    assert camera.position(robot) == pytest.approx((1.0, 2.16, 0.1525))
-    ahead = np.array(((0.0, 1.0, 0.0),))
-    assert rotate(ahead, -robot.yaw)[0] == pytest.approx((1.0, 0.0, 0.0))
 
 
 def test_the_camera_of_a_robot_file_sees_shoulders_from_1_m_and_feet_from_1_5_m_on():

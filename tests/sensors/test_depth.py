@@ -11,8 +11,8 @@ from mecazen.geometry import Pose2D
 from mecazen.messages import Image, Time
 from mecazen.robot import CameraMount
 from mecazen.wire import decode, encode
-from mecazen_sensors.depth import DepthCamera
-from mecazen_sensors.scene import Scene
+from mecazen_sensors.camera import DepthCamera
+from mecazen_sensors.raycast import RayScene
 from people import HEIGHT, NEXUS, body
 
 MOUNT = CameraMount(
@@ -23,7 +23,7 @@ HALF_MM = 0.5
 
 
 def room(*obstacles, people=0):
-    return Scene(WorldConfig(obstacles=obstacles), [NEXUS], people)
+    return RayScene(WorldConfig(obstacles=obstacles), [NEXUS], people)
 
 
 def wall(distance):
@@ -103,8 +103,3 @@ def test_the_picture_comes_back_from_the_wire_and_repeats_with_its_seed():
     assert decode(encode(image), Image) == image
     again = DepthCamera(DepthConfig(), MOUNT, 3)
     assert again.picture(room(wall(3.0)), Pose2D(0.2, 0.1, 0.4), Time()) == image
-
-
-def test_a_share_of_edges_beyond_all_is_refused():
-    with pytest.raises(ValueError, match="at most 0"):
-        DepthConfig(edge_probability=0.6)

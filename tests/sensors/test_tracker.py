@@ -13,8 +13,8 @@ from mecazen.messages import Skeletons
 from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import decode, encode
-from mecazen_sensors.scene import Scene
-from mecazen_sensors.tracker import RESOLUTION, WHITE_RANGE_M, Tracker
+from mecazen_sensors.raycast import RayScene
+from mecazen_sensors.tracker import RESOLUTION, WHITE_RANGE_M, BodyTracker
 from people import HEIGHT, NEXUS, body, walking
 
 TICK_S = 0.01
@@ -40,10 +40,10 @@ class Watch:
 
     def __init__(self, robot, *obstacles, seed=0, people=1, **settings):
         self.robot, self.tick = robot, 0
-        self.scene = Scene(WorldConfig(obstacles=obstacles), [NEXUS], people)
+        self.scene = RayScene(WorldConfig(obstacles=obstacles), [NEXUS], people)
         self.scene.place_robot(0, robot)
         self.config = TrackerConfig(**settings)
-        self.tracker = Tracker(self.config, MOUNT, seed, TICK_S)
+        self.tracker = BodyTracker(self.config, MOUNT, seed, TICK_S)
 
     def step(self, *people):
         for number, joints in enumerate(people):

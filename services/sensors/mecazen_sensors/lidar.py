@@ -14,7 +14,7 @@ from mecazen.robot import Attachment
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 
-from mecazen_sensors.scene import CARRIER, Scene
+from mecazen_sensors.raycast import CARRIER, RayScene
 
 STEPS_PER_M = 1024.0
 """Number of range steps per metre: about a millimetre, as in such sensors, but exact in ROS's
@@ -48,7 +48,7 @@ class Lidar:
         self._beams = np.stack((np.cos(angles), np.sin(angles), np.zeros(config.beams)), axis=-1)
         self._random = Generator(PCG64(seed))
 
-    def scan(self, scene: Scene, robot: Pose2D, time: m.Time) -> m.LaserScan:
+    def scan(self, scene: RayScene, robot: Pose2D, time: m.Time) -> m.LaserScan:
         """Return the scan of the robot at a true pose; `header.stamp` is `time`."""
         config, mount = self._config, self._mount
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)

@@ -15,10 +15,10 @@ from mecazen.portable import Floats
 from mecazen.skeleton import JOINTS
 from mecazen.ticks import whole_ticks
 
-from mecazen_sensors.depth import DepthCamera
+from mecazen_sensors.camera import DepthCamera
 from mecazen_sensors.lidar import Lidar
-from mecazen_sensors.scene import CARRIER, Scene
-from mecazen_sensors.tracker import Tracker
+from mecazen_sensors.raycast import CARRIER, RayScene
+from mecazen_sensors.tracker import BodyTracker
 
 
 class _Sensor(Node):
@@ -29,41 +29,14 @@ class _Sensor(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.own = scenario.robot_name or "target"
+        self.followed = scenario.robot_name or "target"
         """The name of the person whom this robot follows."""
         self.robots = [scenario.robot, *scenario.others.values()]
-        self.scene = Scene(scenario.world, self.robots)
-        self.around = m.People()
+        self.scene = RayScene(scenario.world, self.robots)
+        self.people = m.People()
         """All people and robots, as last received."""
         self.period = scenario.ticks_per(f"{self.key}.rate_hz")
         self._check_captures(self.period)
-
-    def _place(self, inputs: Inputs) -> tuple[Pose2D, list[Floats]]:
-        """Place all people and robots; return the robot's pose and the joints of all people.
-
-        In real time the robot's pose may come too late for its tick. A sensor then skips the frame.
-        The person whom the robot follows is the first, and the others keep their order.
-        """
-        robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
-        body = inputs[TARGET_SKELETON]
-        self.around = around = inputs.get(PEOPLE) or self.around
-        bodies = [(body.joints, body.height)]
-        bodies += [
-            (one.joints, one.height)
-            for one in around.persons
-            if one.id != self.own and len(one.joints) == len(JOINTS)
-        ]
-        people = [np.array([(p.x, p.y, p.z) for p in joints]) for joints, _ in bodies]
-        if len(people) > self.scene.people:
-            self.scene = Scene(self.scenario.world, self.robots, len(people))
-        self.scene.place_robot(CARRIER, robot)
-        places = {one.name: one.pose.to_planar() for one in around.robots}
-        for number, name in enumerate(self.scenario.others, 1):
-            if name in places:
-                self.scene.place_robot(number, places[name])
-        for number, (joints, (_, height)) in enumerate(zip(people, bodies, strict=True)):
-            self.scene.place_person(number, joints, height)
-        return robot, people
 
     def _check_captures(self, ticks: int) -> None:
         """Refuse a sensor whose captures are not at updates of the body."""
@@ -73,8 +46,44 @@ class _Sensor(Node):
                 f"sensors.skeleton_rate_hz = {self.scenario.sensors.skeleton_rate_hz:g}"
             )
 
-    def _is_due(self, tick: Tick, inputs: Inputs) -> bool:
-        return tick.number % self.period == 0 and inputs.get(GROUND_TRUTH) is not None
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return a measurement when one is due.
+
+        In real time the robot's pose may come too late for its tick. A sensor then skips the frame.
+        """
+        if tick.number % self.period or inputs.get(GROUND_TRUTH) is None:
+            return {}
+        robot, _ = self._place(inputs)
+        return self._capture(robot, tick.time)
+
+    def _capture(self, robot: Pose2D, time: m.Time) -> Outputs:
+        """Return the measurement from a true pose of the robot."""
+        raise NotImplementedError
+
+    def _place(self, inputs: Inputs) -> tuple[Pose2D, list[Floats]]:
+        """Place all people and robots; return the robot's pose and the joints of all people.
+
+        The person whom the robot follows is the first, and the others keep their order.
+        """
+        robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
+        self.people = inputs.get(PEOPLE) or self.people
+        bodies: list[m.Skeleton | m.Person] = [inputs[TARGET_SKELETON]]
+        bodies += [
+            person
+            for person in self.people.persons
+            if person.id != self.followed and len(person.joints) == len(JOINTS)
+        ]
+        if len(bodies) > self.scene.people:
+            self.scene = RayScene(self.scenario.world, self.robots, len(bodies))
+        self.scene.place_robot(CARRIER, robot)
+        poses = {named.name: named.pose.to_planar() for named in self.people.robots}
+        for number, name in enumerate(self.scenario.others, 1):
+            if name in poses:
+                self.scene.place_robot(number, poses[name])
+        joints = [np.array([(p.x, p.y, p.z) for p in body.joints]) for body in bodies]
+        for number, body in enumerate(bodies):
+            self.scene.place_person(number, joints[number], body.height)
+        return robot, joints
 
 
 class LidarNode(_Sensor):
@@ -86,12 +95,22 @@ class LidarNode(_Sensor):
         """Begin a run with noise from `seed`."""
         self.lidar = Lidar(self.scenario.sensors.lidar, self.scenario.robot.lidar, seed)
 
-    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return a scan when one is due."""
-        if not self._is_due(tick, inputs):
-            return {}
-        robot, _ = self._place(inputs)
-        return {SCAN: self.lidar.scan(self.scene, robot, tick.time)}
+    def _capture(self, robot: Pose2D, time: m.Time) -> Outputs:
+        return {SCAN: self.lidar.scan(self.scene, robot, time)}
+
+
+class DepthNode(_Sensor):
+    """Captures depth images."""
+
+    key = "sensors.depth"
+
+    def reset(self, seed: int) -> None:
+        """Begin a run with noise from `seed`."""
+        self.camera = DepthCamera(self.scenario.sensors.depth, self.scenario.robot.camera, seed)
+
+    def _capture(self, robot: Pose2D, time: m.Time) -> Outputs:
+        image = self.camera.picture(self.scene, robot, time)
+        return {DEPTH: image, CAMERA_INFO: self.camera.info(time)}
 
 
 class TrackerNode(_Sensor):
@@ -106,8 +125,8 @@ class TrackerNode(_Sensor):
 
     def reset(self, seed: int) -> None:
         """Begin a run with errors from `seed`."""
-        of = self.scenario
-        self.tracker = Tracker(of.sensors.tracker, of.robot.camera, seed, of.sim.tick_s)
+        config, mount = self.scenario.sensors.tracker, self.scenario.robot.camera
+        self.tracker = BodyTracker(config, mount, seed, self.scenario.sim.tick_s)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the frame that arrives, if one does."""
@@ -118,21 +137,3 @@ class TrackerNode(_Sensor):
             robot, people = self._place(inputs)
         frame = self.tracker.observe(tick.number, self.scene, robot, people)
         return {} if frame is None else {SKELETONS: frame}
-
-
-class DepthNode(_Sensor):
-    """Captures depth images."""
-
-    key = "sensors.depth"
-
-    def reset(self, seed: int) -> None:
-        """Begin a run with noise from `seed`."""
-        self.camera = DepthCamera(self.scenario.sensors.depth, self.scenario.robot.camera, seed)
-
-    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return an image when one is due, and the camera's projection."""
-        if not self._is_due(tick, inputs):
-            return {}
-        robot, _ = self._place(inputs)
-        image = self.camera.picture(self.scene, robot, tick.time)
-        return {DEPTH: image, CAMERA_INFO: self.camera.info(tick.time)}

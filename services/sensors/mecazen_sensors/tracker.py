@@ -22,24 +22,13 @@ from mecazen.config.sensors import TrackerConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, product
 from mecazen.robot import CameraMount
-from mecazen.skeleton import INDEX, JOINTS
+from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
 from mecazen.ticks import ticks_per_sample, whole_ticks
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 
-from mecazen_sensors.body import (
-    BONES,
-    CHAINS,
-    FOREIGN,
-    IS_LEG,
-    LEGS_SWAPPED,
-    MIRRORED,
-    OTHER_LEG,
-    OWN,
-    scales,
-)
-from mecazen_sensors.camera import Camera
-from mecazen_sensors.scene import CARRIER, Scene
+from mecazen_sensors.camera import CameraView
+from mecazen_sensors.raycast import CARRIER, RayScene
 
 NOISE_SCALE = {"hip": 1.8, "knee": 1.2, "ankle": 1.4, "heel": 1.5, "foot": 1.5, "wrist": 1.5}
 """Factors of white noise and drift, by joint; 1 for others. They increase away from the trunk."""
@@ -56,10 +45,62 @@ RESOLUTION = 4
 """Decimals of a reported position [m]."""
 
 COUNT = len(JOINTS)
+FOREIGN = len(LIMBS)
+"""Stands for everything except the person's own limbs."""
 _LEFT_HIP, _RIGHT_HIP = INDEX["left_hip"], INDEX["right_hip"]
+_LEG = ("knee", "ankle", "heel", "foot")
 
 
-class _Track:
+def _opposite(name: str) -> str:
+    side, _, joint = name.rpartition("_")
+    return {"left": "right_", "right": "left_", "": ""}[side] + joint
+
+
+def _limbs_at(*names: str) -> frozenset[int]:
+    return frozenset(n for n, limb in enumerate(LIMBS) if {limb.begin, limb.end} & set(names))
+
+
+def _showing(name: str) -> frozenset[int]:
+    # the pelvis lies between the thighs, hips and spine in the trunk, the ankle above the foot
+    if name == "pelvis":
+        return _limbs_at(name, "left_hip", "right_hip")
+    if name == "spine" or name.endswith("hip"):
+        return _limbs_at(name, "pelvis")
+    return _limbs_at(name, name.replace("ankle", "foot"))
+
+
+def scales(table: dict[str, float]) -> Floats:
+    """Return a factor for each joint (20,), by its name without the side; 1 by default."""
+    return np.array([table.get(name.rpartition("_")[2], 1.0) for name in JOINTS])
+
+
+IS_LEG: Floats = np.array([float(name.endswith(_LEG)) for name in JOINTS])
+"""1 for each joint of a leg (20,); hips are not."""
+MIRRORED = [INDEX[_opposite(name)] for name in JOINTS]
+"""For each joint the joint of the other side."""
+LEGS_SWAPPED = [MIRRORED[n] if is_leg else n for n, is_leg in enumerate(IS_LEG.tolist())]
+"""For each joint the joint that is reported instead if the legs are confused."""
+SHOWING = [_showing(name) for name in JOINTS]
+"""For each joint the limbs that make it visible if a ray to the joint hits them first."""
+OTHER_LEG = [
+    _limbs_at(f"{_opposite(name).partition('_')[0]}_knee")
+    if name.endswith(("knee", "ankle"))
+    else frozenset[int]()
+    for name in JOINTS
+]
+"""For knees and ankles the other leg's thigh and shank."""
+CHAINS: Floats = np.eye(COUNT)
+"""Matrix (20, 20) from bones to joints: a bone ends in the joint of its number."""
+_BONES: Floats = np.eye(COUNT)
+for _number, _parent in enumerate(PARENTS.values()):
+    if _parent is not None:
+        CHAINS[_number] += CHAINS[INDEX[_parent]]
+        _BONES[_number, INDEX[_parent]] = -1.0
+BONES: Floats = _BONES[MIRRORED] - _BONES
+"""Matrix (20, 20) from joints to the differences of the other side's bones from their own."""
+
+
+class _TrackedBody:
     """The tracker's state for one person, whose errors are drawn from `random`."""
 
     def __init__(self, random: Generator, bias_weights: Floats) -> None:
@@ -74,7 +115,7 @@ class _Track:
         self.unseen = 0
 
 
-class Tracker:
+class BodyTracker:
     """A body tracker on a robot.
 
     The number of random draws per frame and person does not depend on visibility. Each person has a
@@ -83,7 +124,7 @@ class Tracker:
 
     def __init__(self, config: TrackerConfig, mount: CameraMount, seed: int, tick_s: float) -> None:
         self._config, self._seed = config, seed
-        self._camera = Camera(mount, config)
+        self._camera = CameraView(mount, config)
         self._place = np.array(mount.position_m)
         self._tick_ns = round(tick_s * 1e9)
         self._period = ticks_per_sample("sensors.tracker.rate_hz", config.rate_hz, tick_s)
@@ -105,7 +146,7 @@ class Tracker:
         self._guess_variance = (scales(GUESSED_STD_M) * self._pull) ** 2
         # over three orders of harmonics
         self._bias_weights: Floats = np.repeat(bias, 3)[:, None] / math.sqrt(3.0)
-        self._tracks: list[_Track] = []
+        self._bodies: list[_TrackedBody] = []
         self._names = 0
 
     def captures(self, tick: int) -> bool:
@@ -113,7 +154,7 @@ class Tracker:
         return (tick + self._latency) % self._period == 0
 
     def observe(
-        self, tick: int, scene: Scene, robot: Pose2D, people: Sequence[Floats]
+        self, tick: int, scene: RayScene, robot: Pose2D, people: Sequence[Floats]
     ) -> m.Skeletons | None:
         """Return the frame that arrives at `tick`; None at ticks without one.
 
@@ -123,45 +164,45 @@ class Tracker:
             self._frames.append((tick, self._capture(tick, scene, robot, people)))
         if tick % self._period:
             return None
-        taken = tick - self._latency
-        while self._frames and self._frames[0][0] < taken:
+        captured = tick - self._latency
+        while self._frames and self._frames[0][0] < captured:
             self._frames.popleft()
-        if self._frames and self._frames[0][0] == taken:
+        if self._frames and self._frames[0][0] == captured:
             return self._frames.popleft()[1]
         return m.Skeletons(header=m.Header(frame_id="base_link"))
 
     def _capture(
-        self, tick: int, scene: Scene, robot: Pose2D, people: Sequence[Floats]
+        self, tick: int, scene: RayScene, robot: Pose2D, people: Sequence[Floats]
     ) -> m.Skeletons:
-        while len(self._tracks) < len(people):
-            number = len(self._tracks)
+        while len(self._bodies) < len(people):
+            number = len(self._bodies)
             bits = PCG64([self._seed, number] if number else self._seed)
-            self._tracks.append(_Track(Generator(bits), self._bias_weights))
+            self._bodies.append(_TrackedBody(Generator(bits), self._bias_weights))
         camera = self._camera.position(robot)
         rays = np.concatenate(people) - camera
         distances = np.sqrt(np.einsum("ij,ij->i", rays, rays))
-        ways, hits = scene.cast(camera, rays / distances[:, None], CARRIER)
+        ranges, hits = scene.cast(camera, rays / distances[:, None], CARRIER)
         vectors = rotate(rays, -robot.yaw)
         depths, inside = self._camera.look(vectors)
         time = m.Time.from_ns(tick * self._tick_ns)
         if any(begin <= time.ns / NS_PER_S <= end for begin, end in self._config.occlusions_s):
             inside[:] = False
-        reached, numbers, seen = (ways >= distances).tolist(), hits.tolist(), inside.tolist()
+        reached, numbers, seen = (ranges >= distances).tolist(), hits.tolist(), inside.tolist()
         header = m.Header(stamp=time, frame_id="base_link")
         skeletons = []
-        for number, track in enumerate(self._tracks[: len(people)]):
+        for number, body in enumerate(self._bodies[: len(people)]):
             rows = slice(number * COUNT, (number + 1) * COUNT)
             first = scene.limbs(number).start
             limbs = [n - first if 0 <= n - first < FOREIGN else FOREIGN for n in numbers[rows]]
             view = vectors[rows], depths[rows], seen[rows], reached[rows], limbs
-            skeleton = self._report(track, header, *view)
+            skeleton = self._report(body, header, *view)
             if skeleton is not None:
                 skeletons.append(skeleton)
         return m.Skeletons(header=header, skeletons=tuple(skeletons))
 
     def _report(
         self,
-        track: _Track,
+        body: _TrackedBody,
         header: m.Header,
         vectors: Floats,
         depths: Floats,
@@ -172,7 +213,7 @@ class Tracker:
         """Return the reported joints of a person; None if the pelvis is not seen.
 
         Args:
-            track: State of the tracker for the person.
+            body: State of the tracker for the person.
             header: Header of the frame.
             vectors: Vectors from the camera to the joints, in base_link (20, 3) [m].
             depths: Depths of the joints (20) [m].
@@ -181,20 +222,20 @@ class Tracker:
             limbs: Limbs that the rays to the joints hit first: indices of `LIMBS`, or `FOREIGN`.
         """
         config = self._config
-        normals: Floats = track.random.standard_normal((2, COUNT, 3))
-        chances = track.random.random(2).tolist()
-        track.drift = self._keep * track.drift + self._fresh * normals[0]
+        normals: Floats = body.random.standard_normal((2, COUNT, 3))
+        chances = body.random.random(2).tolist()
+        body.drift = self._keep * body.drift + self._fresh * normals[0]
         if not inside[0] or (limbs[0] == FOREIGN and not reached[0]):
-            track.unseen += 1
+            body.unseen += 1
             return None
-        if not track.identity or track.unseen > self._memory:
+        if not body.identity or body.unseen > self._memory:
             self._names += 1
-            track.identity, track.relative = str(self._names), None
-            track.swapped = track.flipped = False
-        track.unseen = 0
+            body.identity, body.relative = str(self._names), None
+            body.swapped = body.flipped = False
+        body.unseen = 0
         visible = [
-            i and (r or limb in own)
-            for i, r, limb, own in zip(inside, reached, limbs, OWN, strict=True)
+            i and (r or limb in showing)
+            for i, r, limb, showing in zip(inside, reached, limbs, SHOWING, strict=True)
         ]
         hidden = np.array([0.0 if v else 1.0 for v in visible])
         relative = vectors - vectors[0]
@@ -203,48 +244,50 @@ class Tracker:
         # bearing of the camera about the person, 0 straight ahead of the person
         bearing = math.atan2(-y, -x) - math.atan2(-to_left[0], to_left[1])
         c, s = math.cos(bearing), math.sin(bearing)
-        crossing = any(limb in other for limb, other in zip(limbs, OTHER_LEG, strict=True))
-        self._confuse(track, chances, crossing, c < -math.cos(BEHIND_RAD))
+        crossing = any(limb in leg for limb, leg in zip(limbs, OTHER_LEG, strict=True))
+        self._confuse(body, chances, crossing, c < -math.cos(BEHIND_RAD))
 
         if not all(visible):
             pull = (self._pull * hidden)[:, None]
             relative += hidden[:, None] * product(CHAINS, pull * product(BONES, relative))
-            if track.relative is not None:
+            if body.relative is not None:
                 lag = ((1.0 - self._follow) * hidden)[:, None]
-                relative += lag * (track.relative - relative)
-        track.relative = relative
+                relative += lag * (body.relative - relative)
+        body.relative = relative
 
         factor = 1.0 + (config.hidden_factor - 1.0) * hidden
         near = depths / WHITE_RANGE_M
         white = self._white_std * (1.0 + near * near) * factor
         drift = self._drift_std * factor
         harmonics = (1.0, c, s, c * c - s * s, 2.0 * s * c)
-        found = product(track.bias, harmonics).reshape(COUNT, 3)
-        found += relative + (vectors[0] + self._place)
-        found += drift[:, None] * track.drift + white[:, None] * normals[1]
+        joints = product(body.bias, harmonics).reshape(COUNT, 3)
+        joints += relative + (vectors[0] + self._place)
+        joints += drift[:, None] * body.drift + white[:, None] * normals[1]
         variance = self._bias_variance + drift * drift + white * white
         std = np.sqrt(variance + self._guess_variance * hidden)
         confidence = [2 if v else int(i) for v, i in zip(visible, inside, strict=True)]
-        if track.swapped or track.flipped:
-            order = LEGS_SWAPPED if track.swapped else list(range(COUNT))
-            order = [order[n] for n in MIRRORED] if track.flipped else order
-            found, std, confidence = found[order], std[order], [confidence[n] for n in order]
+        if body.swapped or body.flipped:
+            order = LEGS_SWAPPED if body.swapped else list(range(COUNT))
+            order = [order[n] for n in MIRRORED] if body.flipped else order
+            joints, std, confidence = joints[order], std[order], [confidence[n] for n in order]
         return m.Skeleton(
             header=header,
-            id=track.identity,
-            joints=tuple([m.Point(*point) for point in found.round(RESOLUTION).tolist()]),
+            id=body.identity,
+            joints=tuple([m.Point(*point) for point in joints.round(RESOLUTION).tolist()]),
             std=tuple(std.round(RESOLUTION).tolist()),
             confidence=tuple(confidence),
         )
 
-    def _confuse(self, track: _Track, chances: list[float], crossing: bool, behind: bool) -> None:
+    def _confuse(
+        self, body: _TrackedBody, chances: list[float], crossing: bool, behind: bool
+    ) -> None:
         """Start or end a confusion of left and right: two Markov chains of two states."""
         swap, flip = chances
-        if track.swapped:
-            track.swapped = swap >= self._unswap
+        if body.swapped:
+            body.swapped = swap >= self._unswap
         else:
-            track.swapped = crossing and swap < self._config.swap_probability
-        if track.flipped:
-            track.flipped = flip >= self._unflip
+            body.swapped = crossing and swap < self._config.swap_probability
+        if body.flipped:
+            body.flipped = flip >= self._unflip
         else:
-            track.flipped = behind and flip < self._flip
+            body.flipped = behind and flip < self._flip

@@ -10,7 +10,7 @@ from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen.skeleton import INDEX, LIMBS
-from mecazen_sensors.scene import Scene
+from mecazen_sensors.raycast import RayScene
 from people import HEIGHT, NEXUS, body, walking
 
 EXACT_M = 1e-6
@@ -81,7 +81,7 @@ def assert_same(distances, exact):
 def test_distances_are_those_of_an_independent_implementation(seed, level):
     random = np.random.default_rng(seed)
     world = random_world(random)
-    scene = Scene(world, [NEXUS, NEXUS], people=2)
+    scene = RayScene(world, [NEXUS, NEXUS], people=2)
     pose, rays = Pose2D(*random.uniform(-3.0, 3.0, 3)), 2000
     scene.place_robot(0, Pose2D(50.0, 0.0, 0.0))
     scene.place_robot(1, pose)
@@ -105,7 +105,7 @@ def test_distances_are_those_of_an_independent_implementation(seed, level):
 
 
 def test_a_limb_longer_than_at_first_is_hit_at_its_ends():
-    scene = Scene(WorldConfig())
+    scene = RayScene(WorldConfig())
     for factor in (1.0, 1.5, 0.6):
         joints = body() * factor
         scene.place_person(0, joints, HEIGHT)
@@ -118,7 +118,7 @@ def test_a_limb_longer_than_at_first_is_hit_at_its_ends():
 
 def test_nothing_is_hit_beyond_the_range_though_it_begins_within():
     world = WorldConfig(obstacles=(Box(size_m=(2.0, 2.0, 1.0), position_m=(5.0, 0.0)),))
-    scene, ray = Scene(world), np.array([[1.0, 0.0, 0.0]])
+    scene, ray = RayScene(world), np.array([[1.0, 0.0, 0.0]])
     origin = np.array((0.0, 0.0, 0.5))
     assert scene.cast(origin, ray, max_range=4.01)[0][0] == pytest.approx(4.0, abs=EXACT_M)
     distances, hits = scene.cast(origin, ray, max_range=3.99)
@@ -127,7 +127,7 @@ def test_nothing_is_hit_beyond_the_range_though_it_begins_within():
 
 
 def test_a_robot_does_not_see_itself_but_others_see_it():
-    scene = Scene(WorldConfig(), [NEXUS, NEXUS], people=0)
+    scene = RayScene(WorldConfig(), [NEXUS, NEXUS], people=0)
     scene.place_robot(0, Pose2D(1.0, 2.0, 0.3))
     angles = np.linspace(0.0, math.tau, 200, endpoint=False)
     rays = np.stack((np.cos(angles), np.sin(angles), 0.0 * angles), axis=-1)
@@ -137,7 +137,7 @@ def test_a_robot_does_not_see_itself_but_others_see_it():
 
 
 def test_who_is_not_placed_is_not_there():
-    scene = Scene(WorldConfig(), [NEXUS], people=1)
+    scene = RayScene(WorldConfig(), [NEXUS], people=1)
     rays = np.random.default_rng(1).normal(size=(500, 3))
     rays[:, 2] = np.abs(rays[:, 2])
     rays /= np.linalg.norm(rays, axis=1)[:, None]

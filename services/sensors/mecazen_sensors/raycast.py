@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.arrays import rotate
 from mecazen.config import WorldConfig
-from mecazen.config.world import Box
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, product
 from mecazen.robot import WHEELS, Robot
@@ -48,51 +48,42 @@ _ALONG, _MIDDLES = _ENDS - _BEGINS, (_BEGINS + _ENDS) / 2
 _RADII = np.array([limb.radius for limb in LIMBS])
 
 
-class Scene:
-    """Ground, obstacles, robots and people; people are absent until they are placed."""
+class RayScene:
+    """Ground, obstacles, robots and people; people are absent until they are placed.
+
+    Attributes:
+        people: The number of people.
+    """
 
     def __init__(self, world: WorldConfig, robots: Sequence[Robot] = (), people: int = 1) -> None:
-        shapes = [_geom("plane", (0.0, 0.0, 1.0))]
-        for thing in world.solids:
-            (x, y), height = thing.position_m, thing.size_m[-1]
-            if isinstance(thing, Box):
-                half = tuple(length / 2 for length in thing.size_m)
-                middle = x, y, thing.bottom_m + height / 2
-                shapes.append(_geom("box", half, middle, thing.yaw_deg))
-            else:
-                shapes.append(_geom("cylinder", (thing.size_m[0], height / 2), (x, y, height / 2)))
+        self.people = people
+        shapes = [_geom("plane", (0.0, 0.0, 1.0)), *map(_solid, world.solids)]
         person = "".join(_geom("capsule", (0.1, 0.1)) for _ in LIMBS)
-        bodies = [_robot(robot) for robot in robots] + [person] * people
-        text = "".join(f'<body mocap="true">{body}</body>' for body in bodies)
+        bodies = [*map(_robot, robots), *[person] * people]
+        moving = "".join(f'<body mocap="true">{body}</body>' for body in bodies)
         self._model = mujoco.MjModel.from_xml_string(
-            f"<mujoco><worldbody>{''.join(shapes)}{text}</worldbody></mujoco>"
+            f"<mujoco><worldbody>{''.join(shapes)}{moving}</worldbody></mujoco>"
         )
         self._data = mujoco.MjData(self._model)
         mujoco.mj_kinematics(self._model, self._data)
         first, number = self._model.body_geomadr[1:].tolist(), self._model.body_geomnum[1:].tolist()
         geoms = [slice(at, at + n) for at, n in zip(first, number, strict=True)]
         self._robots, self._people = geoms[: len(robots)], geoms[len(robots) :]
-        self._bodies = range(1, 1 + len(robots))  # after the world, before people
-        moving = len(shapes)
         self._model.body_bvhadr[1:] = -1
         self._positions: Floats = self._data.geom_xpos
         self._rotations: Floats = self._data.geom_xmat.reshape(-1, 3, 3)
         self._sizes: Floats = self._model.geom_size
-        self._robot_positions = [self._positions[robot].copy() for robot in self._robots]
-        self._robot_rotations = [self._rotations[robot].copy() for robot in self._robots]
-        self._positions[moving:, 2] = NOWHERE_M
+        self._robot_poses = [
+            (self._positions[robot].copy(), self._rotations[robot].transpose(0, 2, 1).copy())
+            for robot in self._robots
+        ]
+        self._positions[len(shapes) :, 2] = NOWHERE_M
         # half the height of each geom: for upright boxes and cylinders it is part of their size
         self._reach: Floats = np.where(
             self._model.geom_type == mujoco.mjtGeom.mjGEOM_BOX, self._sizes[:, 2], self._sizes[:, 1]
         )
         for robot in self._robots:
             self._reach[robot] = np.max(self._model.geom_rbound[robot])
-        self._heights = [0.0] * people
-
-    @property
-    def people(self) -> int:
-        """The number of people."""
-        return len(self._people)
 
     def limbs(self, person: int) -> slice:
         """Return the numbers of a person's geoms, in the order of `mecazen.skeleton.LIMBS`."""
@@ -100,11 +91,8 @@ class Scene:
 
     def place_robot(self, robot: int, pose: Pose2D) -> None:
         """Put a robot at a pose in the world, on the ground."""
-        geoms = self._robots[robot]
-        positions = rotate(self._robot_positions[robot], pose.yaw)
-        positions[:, :2] += pose[:2]
-        self._positions[geoms] = positions
-        axes = self._robot_rotations[robot].transpose(0, 2, 1)
+        geoms, (positions, axes) = self._robots[robot], self._robot_poses[robot]
+        self._positions[geoms] = rotate(positions, pose.yaw) + np.array((pose.x, pose.y, 0.0))
         self._rotations[geoms] = rotate(axes, pose.yaw).transpose(0, 2, 1)
 
     def place_person(self, person: int, joints: Floats, height: float) -> None:
@@ -122,12 +110,9 @@ class Scene:
         axes = along / lengths[:, None]
         self._positions[geoms] = product(_MIDDLES, joints)
         _set_frames(self._rotations[geoms], axes)
-        if height != self._heights[person]:
-            self._heights[person] = height
-            self._sizes[geoms, 0] = _RADII * height
-        half = lengths / 2
-        self._sizes[geoms, 1] = half
-        self._reach[geoms] = self._sizes[geoms, 0] + half * np.abs(axes[:, 2])
+        radii, half = _RADII * height, lengths / 2
+        self._sizes[geoms, 0], self._sizes[geoms, 1] = radii, half
+        self._reach[geoms] = radii + half * np.abs(axes[:, 2])
 
     def cast(
         self,
@@ -150,8 +135,7 @@ class Scene:
         Returns:
             Distances (n,) [m] and numbers (n,) of geoms; inf and -1 if nothing is hit.
         """
-        rays = len(directions)
-        distances, hits = np.empty(rays), np.empty(rays, np.int32)
+        distances, hits = np.empty(len(directions)), np.empty(len(directions), np.int32)
         shown = SHOW_ALL
         if level:
             shown = SHOW_LEVEL
@@ -164,11 +148,11 @@ class Scene:
             directions.ravel(),
             shown,
             1,
-            -1 if robot is None else self._bodies[robot],
+            -1 if robot is None else robot + 1,  # body 0 is the world
             hits,
             distances,
             None,
-            rays,
+            len(directions),
             max_range,
         )
         hits[distances > max_range] = -1
@@ -198,30 +182,32 @@ def _geom(
     yaw_deg: float = 0.0,
     roll_deg: float = 0.0,
 ) -> str:
-    return (
-        f'<geom type="{kind}" size="{_text(size)}" pos="{_text(position)}" '
-        f'euler="{roll_deg} 0 {yaw_deg}"/>'
-    )
+    sizes, place = (" ".join(map(repr, numbers)) for numbers in (size, position))
+    return f'<geom type="{kind}" size="{sizes}" pos="{place}" euler="{roll_deg} 0 {yaw_deg}"/>'
 
 
-def _text(numbers: tuple[float, ...]) -> str:
-    return " ".join(map(repr, numbers))
+def _solid(solid: Box | Cylinder) -> str:
+    (x, y), height = solid.position_m, solid.size_m[-1]
+    if isinstance(solid, Box):
+        return _geom("box", _half(solid.size_m), (x, y, solid.bottom_m + height / 2), solid.yaw_deg)
+    return _geom("cylinder", (solid.size_m[0], height / 2), (x, y, height / 2))
 
 
 def _robot(robot: Robot) -> str:
     """Return the shapes of a robot in base_link: base, camera, lidar, wheels and payload."""
-    base, camera, lidar, wheels = robot.base, robot.camera, robot.lidar, robot.wheels
-    size = base.length_m / 2, base.width_m / 2, base.height_m / 2
-    housing = tuple(length / 2 for length in camera.size_m)
-    tower = lidar.size_m[0], lidar.size_m[1] / 2
-    hub = wheels.radius_m, wheels.hub_width_m / 2
-    load = robot.payload
-    return (
-        _geom("box", size, (0.0, 0.0, base.clearance_m + size[2]))
-        + _geom("box", housing, camera.position_m)
-        + _geom("cylinder", tower, lidar.position_m)
-        + "".join(
-            _geom("cylinder", hub, robot.wheel_position(wheel), roll_deg=90.0) for wheel in WHEELS
-        )
-        + (_geom("box", tuple(n / 2 for n in load.size_m), load.position_m) if load else "")
-    )
+    base, camera, lidar, load = robot.base, robot.camera, robot.lidar, robot.payload
+    size = _half((base.length_m, base.width_m, base.height_m))
+    hub = robot.wheels.radius_m, robot.wheels.hub_width_m / 2
+    shapes = [
+        _geom("box", size, (0.0, 0.0, base.clearance_m + size[2])),
+        _geom("box", _half(camera.size_m), camera.position_m),
+        _geom("cylinder", (lidar.size_m[0], lidar.size_m[1] / 2), lidar.position_m),
+        *(_geom("cylinder", hub, robot.wheel_position(w), roll_deg=90.0) for w in WHEELS),
+    ]
+    if load:
+        shapes.append(_geom("box", _half(load.size_m), load.position_m))
+    return "".join(shapes)
+
+
+def _half(size: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(length / 2 for length in size)
