@@ -116,14 +116,10 @@ def emulated(damage=0.0, **firmware):
         line.close()
 
 
-def config(emulator, **settings):
-    return HardwareConfig(port=emulator.line.name, **settings)
-
-
 @contextmanager
 def linked(emulator):
     """Yield the link to an emulated board."""
-    link = Link(config(emulator), ROBOT)
+    link = Link(HardwareConfig(port=emulator.line.name), ROBOT)
     try:
         yield link
     finally:

@@ -1,46 +1,64 @@
 """The commands of `mecazen hardware`, on an emulated board and with a whole stack."""
 
 import re
-import subprocess
 import time
 
 import pytest
+import typer
 from hardware.stand import emulated
-from harness import SCENARIOS, Command, Newest, assert_one_line, command, mecazen
+from harness import SCENARIOS, Command, Newest
 from mecazen.geometry import Pose2D
 from mecazen.keys import OBSERVATION, ODOM
 from mecazen.messages import Header, Observation, Pose, PoseWithCovariance
 from mecazen_hardware.checklist import wiring_problem
+from mecazen_tools.cli.hardware import app
 from mecazen_tools.processes import ProcessError
 from stack import Stack
+from typer.testing import CliRunner
+
+
+def run(*arguments, answers=""):
+    return CliRunner().invoke(app, arguments, input=answers, standalone_mode=False)
 
 
 def test_a_probe_shows_the_board_and_turns_no_motor():
     with emulated() as emulator:
-        done = mecazen("hardware", "probe", "--port", emulator.line.name)
-        assert done.returncode == 0
-        assert "ROSMASTER X3, firmware 3.5" in done.stdout
-        assert "battery: 12.0 V" in done.stdout
-        assert "turned: front_left 0.00 rad" in done.stdout
-        assert "WheelAngles: 2" in done.stdout  # 24.4 Hz
+        shown = run("probe", "--port", emulator.line.name).stdout
+        assert "ROSMASTER X3, firmware 3.5" in shown
+        assert "battery: 12.0 V" in shown
+        assert "turned: front_left 0.00 rad" in shown
+        assert "WheelAngles: 2" in shown  # 24.4 Hz
         assert not any(emulator.world.angles)
 
 
-def test_a_check_without_a_yes_is_one_line():
-    arguments = command(["hardware", "check"])
-    for answer in ("n\n", ""):
-        done = subprocess.run(**arguments, input=answer, capture_output=True, check=False)
-        assert (done.returncode, done.stderr) == (1, "error: not confirmed\n")
+@pytest.mark.parametrize("answer", ["n\n", ""])
+def test_a_check_needs_a_yes(answer):
+    assert isinstance(run("check", answers=answer).exception, typer.Abort)
 
 
 def test_a_check_names_swapped_plugs():
     with emulated() as emulator:
         turn = emulator.world.step
         emulator.world.step = lambda duty: turn([duty[1], duty[0], *duty[2:]])
-        done = mecazen("hardware", "check", "--yes", "--port", emulator.line.name)
-        assert_one_line(done, 1, "2 of 4 wheels are wrong; do not drive yet")
+        # all are off the ground; of the two others the person sees one turn
+        done = run("check", "--port", emulator.line.name, answers="y\ny\nn\n")
         assert "front_left: rear_left turned instead" in done.stdout
-        assert done.stdout.count(": ok, turned ") == 2
+        assert "front_right: ok, turned " in done.stdout
+        assert "rear_right: its encoder agrees, but it did not" in done.stdout
+        assert str(done.exception) == "3 of 4 wheels are wrong; do not drive yet"
+
+
+def test_a_board_that_falls_silent_ends_the_check():
+    with emulated() as emulator:
+        turn = emulator.world.step
+
+        def step(duty):
+            turn(duty)
+            emulator.line.is_silent = any(emulator.world.speeds)
+
+        emulator.world.step = step
+        done = run("check", "--yes", "--port", emulator.line.name)
+        assert "the board has fallen silent: is its cable loose?" in str(done.exception)
 
 
 @pytest.mark.parametrize(

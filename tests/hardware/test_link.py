@@ -14,12 +14,11 @@ from itertools import pairwise
 
 import pytest
 import serial
-from hardware.stand import ROBOT, STOP_WITHIN_S, config, emulated, linked, until
+from hardware.stand import ROBOT, STOP_WITHIN_S, emulated, linked, until
 from harness import error_of
 from mecazen.config import HardwareConfig
 from mecazen.errors import ConfigError
 from mecazen.wheels import WheelSpeeds
-from mecazen_hardware.board import Inertial, Voltage, WheelAngles
 from mecazen_hardware.keeper import DRIVE, STOP, keep
 from mecazen_hardware.link import HardwareError, Link
 
@@ -42,7 +41,7 @@ with closing(Link(HardwareConfig(port=sys.argv[1]), ROBOT)) as link:
 
 
 @contextmanager
-def driving(emulator, then="pass"):
+def driving(emulator, then):
     """Yield a process that drives the wheels, once they turn."""
     process = subprocess.Popen(
         [sys.executable, "-c", DRIVING.format(then=then), emulator.line.name],
@@ -69,24 +68,17 @@ def drive_for(duration_s, link):
         time.sleep(0.01)
 
 
-def test_a_board_sends_its_reports_and_takes_frames():
-    with emulated() as emulator:
-        with linked(emulator) as link:
-            assert link.identity.name == "ROSMASTER X3, firmware 3.5"
-            for _ in range(50):
-                link.drive(FORWARD)
-                time.sleep(0.01)
-            newest = {type(report): report for report, _ in link.read()}
-            assert {WheelAngles, Inertial, Voltage} <= newest.keys()
-            assert newest[WheelAngles].angles[0] > 1.0
-            until(lambda: emulator.firmware.taken + emulator.firmware.lost == link.sent)
-            # the emulated board loses a frame if a busy machine lets it read late
-            assert emulator.firmware.lost <= link.sent // 20
-        until(lambda: not any(emulator.firmware.goal))
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP, "1 / 0"])
+def test_the_motors_stop_however_the_driver_ends(end):
+    is_signal = isinstance(end, signal.Signals)
+    with emulated() as emulator, driving(emulator, "pass" if is_signal else end) as process:
+        if is_signal:
+            process.send_signal(end)
 
 
-def test_of_frames_in_quick_succession_the_newest_is_sent(monkeypatch):
+def test_the_newest_of_frames_in_quick_succession_is_sent(monkeypatch):
     with emulated() as emulator, linked(emulator) as link:
+        assert link.identity.name == "ROSMASTER X3, firmware 3.5"
         written, write = [], link.port.write
         monkeypatch.setattr(
             link.port,
@@ -104,18 +96,6 @@ def test_of_frames_in_quick_succession_the_newest_is_sent(monkeypatch):
         assert len(frames) <= 7
         gaps = [after - before for (before, _), (after, _) in pairwise(written)]
         assert min(gaps) >= link.board.SPACING_S
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_motors_stop_when_the_driver_is_killed_or_frozen(number):
-    with emulated() as emulator, driving(emulator) as process:
-        process.send_signal(number)
-
-
-@pytest.mark.parametrize("then", ["1 / 0", "raise KeyboardInterrupt", "sys.exit(3)"])
-def test_the_motors_stop_when_the_driver_ends(then):
-    with emulated() as emulator, driving(emulator, then):
-        pass
 
 
 def test_without_its_keeper_the_driver_stops_and_ends():
@@ -179,6 +159,10 @@ def test_what_can_not_be_opened_is_one_line(monkeypatch, tmp_path):
         assert f"/dev/null: {reason}" in error(port="/dev/null")
 
 
+def linking_error(port):
+    return error_of(HardwareError, lambda: Link(HardwareConfig(port=port), ROBOT))
+
+
 @pytest.mark.parametrize(
     ("sent", "reason"), [(b"", "nothing answers"), (b"$GPGGA,123519", "not a rosmaster_x3")]
 )
@@ -188,32 +172,29 @@ def test_a_port_without_this_board_is_named(sent, reason, monkeypatch):
     tty.setraw(port_end)
     talking = threading.Timer(0.2, os.write, (board_end, sent))  # opening a port empties it
     talking.start()
-    try:
-        with pytest.raises(HardwareError, match=reason):
-            Link(HardwareConfig(port=os.ttyname(port_end)), ROBOT)
-    finally:
-        talking.join()
-        os.close(board_end)
-        os.close(port_end)
+    assert reason in linking_error(os.ttyname(port_end))
+    talking.join()
+    os.close(board_end)
+    os.close(port_end)
 
 
-def test_a_board_without_counts_is_named(monkeypatch):
+@pytest.mark.parametrize(
+    ("firmware", "volts", "reason"),
+    [({"car_type": 5}, 12.0, "set to the car R2"), ({}, 9.0, "is its battery low?")],
+)
+def test_a_board_that_can_not_drive_is_named(firmware, volts, reason, monkeypatch):
     monkeypatch.setattr("mecazen_hardware.link.ANSWER_S", 0.5)
-    monkeypatch.setattr("mecazen_hardware.emulator.firmware.COUNTS_AT", -1)
-    with emulated() as emulator, pytest.raises(HardwareError, match="sends no WheelAngles"):
-        Link(config(emulator), ROBOT)
-
-
-def test_a_board_of_another_car_is_not_driven():
-    with emulated(car_type=5) as emulator:
-        with pytest.raises(HardwareError, match="set to the car R2"):
-            Link(config(emulator), ROBOT)
+    monkeypatch.setattr("mecazen_hardware.emulator.firmware.LATCH_READINGS", 0)
+    with emulated(**firmware) as emulator:
+        emulator.world.battery_v = volts
+        until(lambda: emulator.firmware.is_latched == (volts < 9.6))
+        assert reason in linking_error(emulator.line.name)
         assert not emulator.firmware.driving
 
 
 def test_a_port_that_is_unplugged_in_mid_run_is_one_error():
     with emulated() as emulator:
-        link = Link(config(emulator), ROBOT)
+        link = Link(HardwareConfig(port=emulator.line.name), ROBOT)
         drive_for(0.3, link)
     try:
         with pytest.raises(HardwareError, match="the port has gone in mid-run"):

@@ -180,13 +180,6 @@ def test_damaged_frames_both_ways_change_little():
         assert run.x_m > 0.4
 
 
-def test_while_time_is_paused_the_motors_are_stopped():
-    with emulated() as emulator, running(emulator) as run:
-        run.drive(0.5, AHEAD)
-        until(lambda: not any(emulator.firmware.goal))  # no tick: as after `sim pause`
-        assert emulator.firmware.stopped_after_s < STOP_WITHIN_S
-
-
 def test_what_a_real_robot_has_not_is_refused():
     for mode, settings, words in (
         ("lockstep", {}, "runs in real time"),
