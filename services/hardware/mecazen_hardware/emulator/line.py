@@ -48,8 +48,8 @@ class SerialLine:
         try:
             link.symlink_to(self.name)
         except OSError as error:
-            taken = "taken: stop the other emulator, or remove the file"
-            reason = taken if error.errno == errno.EEXIST else error.strerror
+            exists = "taken: stop the other emulator, or remove the file"
+            reason = exists if error.errno == errno.EEXIST else error.strerror
             raise MecazenError(f"--link {link}: {reason}") from None
 
     def read(self) -> bytes:
