@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config.services import Encoding
 from mecazen.keys import topic_of
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Message
@@ -24,7 +23,6 @@ from mecazen_bench.stack import SCENARIOS, Usage, running, spin_until
 DURATION_S = 10.0
 SPEED = 10.0
 """Speed of the replay that the recorder receives, relative to real time."""
-ENCODINGS: tuple[Encoding, ...] = ("cdr", "json")
 
 
 def run(duration_s: float = DURATION_S) -> list[Group]:
@@ -38,22 +36,18 @@ def run(duration_s: float = DURATION_S) -> list[Group]:
         )
         simulate(load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), "back")
         recording = Recording(file)
-        rows = {
-            f"{way}, {encoding}": measure(recording, encoding)
-            for way, measure in (("writer only", _write), ("as a process", _receive))
-            for encoding in ENCODINGS
-        }
+        rows = {"writer only": _write(recording), "as a process": _receive(recording)}
     how = f"messages of {duration_s:g} s; as a process: replayed at {SPEED:g} × real time"
     return [Group("Recorder: scenario back", how, rows)]
 
 
-def _write(recording: Recording, encoding: Encoding) -> dict[str, Figure]:
+def _write(recording: Recording) -> dict[str, Figure]:
     samples = list(recording.samples())
     messages: list[Message] = [
         sample.message(topic.type) for sample in samples if (topic := topic_of(sample.key))
     ]
-    path = recording.path.with_name(f"writer-{encoding}.mcap")
-    writer = RecordingWriter(path, encoding)
+    path = recording.path.with_name("writer.mcap")
+    writer = RecordingWriter(path)
     begin = time.perf_counter()
     for sample, message in zip(samples, messages, strict=True):
         writer.write(sample.key, message, sample.stamp, sample.time_ns)
@@ -65,11 +59,10 @@ def _write(recording: Recording, encoding: Encoding) -> dict[str, Figure]:
     }
 
 
-def _receive(recording: Recording, encoding: Encoding) -> dict[str, Figure]:
-    path = recording.path.with_name(f"{encoding}.mcap")
-    settings = (f'recorder.file="{path}"', f"recorder.encoding={encoding}")
+def _receive(recording: Recording) -> dict[str, Figure]:
+    path = recording.path.with_name("process.mcap")
     with (
-        running("back", *settings, services=["recorder"]) as stack,
+        running("back", f'recorder.file="{path}"', services=["recorder"]) as stack,
         closing(ZenohBus(stack.scenario.bus)) as bus,
     ):
         bus.declare_alive("bench")

@@ -50,9 +50,9 @@ def program(tmp_path):
 def make_recording(tmp_path):
     """Write a recording of some ticks; return its path."""
 
-    def make(ticks=range(20), encoding="cdr", name="made.mcap"):
+    def make(ticks=range(20), name="made.mcap"):
         path = tmp_path / name
-        writer = RecordingWriter(path, encoding)
+        writer = RecordingWriter(path)
         for number in ticks:
             stamp = stamp_of(number)
             for key, message in tick(number).items():

@@ -20,7 +20,7 @@ from mecazen.runtime.worker import Worker
 from mecazen.schema import OutputFile
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
-from mecazen_recorder.recorder import Recorder
+from mecazen_recorder.service import Recorder
 from mecazen_recorder.writer import RecordingWriter
 from recorder.ticks import TICK_NS, odometry, stamp_of
 
@@ -38,13 +38,13 @@ def mine(program):
 def recorded(tmp_path, mine):
     """Record followers that answer made-up odometry and frames; return the file."""
 
-    def make(encoding="cdr", first=0, runs=1, robots=()):
+    def make(first=0, runs=1, robots=()):
         path = tmp_path / "run.mcap"
         scenario = Scenario(robot=load_robot(), seed=3, robots=robots, programs={"follower": mine})
         bus = LocalBus()
         workers = [Worker(Host([("follower", r)], bus, scenario)) for r in scenario.names]
-        config = RecorderConfig(file=OutputFile(path), encoding=encoding)
-        recorder = Recorder(bus, config, (), lambda: to_toml(scenario), scenario.names)
+        config = RecorderConfig(file=OutputFile(path))
+        recorder = Recorder(bus, config, lambda: to_toml(scenario), robots=scenario.names)
         for run in range(7, 7 + runs):
             for number in range(first, TICKS):
                 for other, robot in enumerate(scenario.names):
@@ -52,7 +52,7 @@ def recorded(tmp_path, mine):
                 for worker in workers:
                     while worker.step():
                         pass
-        recorder.close()
+        recorder.writer.close()
         return path
 
     def publish(bus, robot, number, other, stamp):
@@ -72,7 +72,7 @@ def rewritten(
     recording = Recording(path, trusted=True)
     samples = list(recording.samples())
     copy = path.with_name("copy.mcap")
-    writer = RecordingWriter(copy, "json")
+    writer = RecordingWriter(copy)
     for run, scenario in recording.scenarios.items():
         writer.write_run(stamp_of(0, run), scenario)
     for sample in sorted(samples[:: -1 if turned else 1], key=lambda s: s.time_ns):
@@ -83,10 +83,9 @@ def rewritten(
     return copy
 
 
-@pytest.mark.parametrize("encoding", ["cdr", "json"])
 @pytest.mark.parametrize("runs", [1, 2])
-def test_the_same_code_answers_as_recorded(mine, recorded, encoding, runs):
-    compared = recompute(Recording(recorded(encoding, runs=runs), trusted=True), mine)
+def test_the_same_code_answers_as_recorded(mine, recorded, runs):
+    compared = recompute(Recording(recorded(runs=runs), trusted=True), mine)
     assert compared.difference is None
     assert compared.counts == {"cmd_vel": TICKS * runs}
 
@@ -118,7 +117,7 @@ def test_a_robot_that_is_not_named_or_not_there_is_one_line(mine, recorded, robo
 
 
 def test_of_a_robots_own_sections_only_those_that_are_asked_for_are_read(tmp_path):
-    writer = RecordingWriter(tmp_path / "run.mcap", "cdr")
+    writer = RecordingWriter(tmp_path / "run.mcap")
     tables = effective(Scenario(robot=load_robot(), robots=TWO))
     # a file that was there when it was recorded
     tables["robots"][1]["target"] = {"path": {"kind": "recorded", "file": "gone.csv"}}
@@ -225,7 +224,7 @@ def test_a_recording_runs_no_code_and_opens_no_other_file(settings, reason, tmp_
     file.write_text(f"open({str(tmp_path / 'mark')!r}, 'w')\n")  # importing it leaves a mark
     settings = json.loads(json.dumps(settings).replace("{file}", str(file)))
     tables = {**effective(Scenario(robot=load_robot())), **settings}
-    writer = RecordingWriter(path, "cdr")
+    writer = RecordingWriter(path)
     writer.write_run(stamp_of(0), tomli_w.dumps(tables))
     writer.write("odom", odometry(0), stamp_of(0), 0)
     writer.close()

@@ -209,19 +209,14 @@ class ViewerConfig(Section):
             raise ValueError(f"web_port and data_port must differ: both are {self.web_port}")
 
 
-Encoding = Literal["cdr", "json"]
-
-
 class RecorderConfig(Section):
-    """File, keys and encoding of a recording."""
+    """File and keys of a recording."""
 
     file: OutputFile | None = None
     """The MCAP file; left out: `run.mcap` in the working directory. In lockstep it must not exist;
     in real time, where a recorder may be restarted, the next free name is used."""
     keys: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)] = ("**",)
     """Zenoh key expressions of the samples to record."""
-    encoding: Encoding = "cdr"
-    """cdr: ROS 2's messages, for tools that read ROS bags; json: with JSON schemas."""
 
     @property
     def path(self) -> Path:

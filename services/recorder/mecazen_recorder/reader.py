@@ -3,84 +3,37 @@
 from __future__ import annotations
 
 import math
-import os
-import re
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, NamedTuple
 
 from mcap.exceptions import InvalidMagic, McapError
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Header, McapRecord, Metadata, Schema
+from mcap.records import Channel, DataEnd, Header, McapRecord, Metadata, Schema
 from mcap.records import Message as Record
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario
-from mecazen.errors import UntrustedError
-from mecazen.files import open_regular, parse_toml
-from mecazen.graph import NODES
+from mecazen.errors import MecazenError, UntrustedError
+from mecazen.files import open_regular
 from mecazen.keys import TOPICS
-from mecazen.loading import from_tables, renamed_in, robots_in
+from mecazen.loading import renamed_in, robots_in
 from mecazen.messages import Message, MessageT
-from mecazen.robots import split_key
 from mecazen.text import printable, shortened
-from mecazen.urdf import RobotDescription
-from mecazen.wire import JSON_ENCODING, MAX_TIME_NS, NS_PER_S, RefusedError, Stamp, decode, encode
+from mecazen.urdf import RobotDescription, build_meshes, build_urdf
+from mecazen.wire import JSON_ENCODING, NS_PER_S, RefusedError, Stamp, decode, encode
 from mecazen_ros import cdr
-from zstandard import ZstdDecompressor, ZstdError
+from zstandard import ZstdError
 
-from mecazen_recorder.writer import LIBRARY, URDF, RecordingError
+from mecazen_recorder.configuration import read_scenario, user_programs
+from mecazen_recorder.writer import LIBRARY, RecordingError
 
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
 """Errors of the library on missing or corrupt bytes."""
-
 MAX_BYTES = 64 << 20
 """Maximum size of a record [bytes]."""
-MAX_SCENARIO_BYTES = 4 << 20
-MAX_CHUNK_BYTES = 1 << 24
-"""Maximum size of a chunk, expanded [bytes]: chunks of the writer have about 1 MiB."""
-MOST_FOLD = 1000
-"""Maximum size of all chunks, expanded, as a multiple of the file's size; about 10 in real runs."""
-WITH_FILES = ("target", "crowd", "bus")
-"""Sections that refer to files, such as a recorded walk."""
-_FILE_NAME = re.compile(r"(?:\w[\w.-]{0,99}/){0,9}\w[\w.-]{0,99}", re.ASCII)
 _TYPES: dict[str, type[Message]] = {topic.type.ROS_TYPE: topic.type for topic in TOPICS}
-
-
-def _code(tables: dict[str, Any]) -> dict[str, str]:
-    """Return the programs of a scenario that are not installed nodes but files or modules."""
-    programs = tables.get("programs")
-    named = programs.items() if isinstance(programs, dict) else ()
-    return {name: str(program) for name, program in named if ":" in str(program)}
-
-
-def _expanded(chunk: Chunk) -> Chunk:
-    """Return a chunk with its data expanded, within the size in its header and `MAX_CHUNK_BYTES`.
-
-    Raises:
-        ValueError: The chunk is too large, its header is wrong, or its compression is unknown.
-        ZstdError: The data can't be expanded.
-    """
-    size = chunk.uncompressed_size
-    if size > MAX_CHUNK_BYTES or chunk.compression not in {"", "zstd"}:
-        raise ValueError(f"a chunk of {size} bytes, compression {chunk.compression!r}")
-    data = chunk.data
-    if chunk.compression:
-        expander = ZstdDecompressor(max_window_size=MAX_CHUNK_BYTES)
-        with expander.stream_reader(data, read_across_frames=True) as stream:
-            data = stream.read(size + 1)
-    if len(data) != size:
-        raise ValueError(f"a chunk is not of {size} bytes")
-    return replace(chunk, compression="", data=data)
-
-
-def _numbers(*texts: str | None) -> tuple[int, ...] | None:
-    """Parse texts as unsigned 32-bit integers; return None if a text is not such a number."""
-    numbers = [int(text) for text in texts if text and re.fullmatch("[0-9]{1,10}", text)]
-    good = len(numbers) == len(texts) and all(number < 2**32 for number in numbers)
-    return tuple(numbers) if good else None
 
 
 class Sample(NamedTuple):
@@ -140,7 +93,6 @@ class Recording:
         self._robots: dict[int, tuple[str, ...]] = {}
         self._topic_keys: dict[int, dict[str, str]] = {}
         """Keys of topics by their keys on the bus, where these differ, by run."""
-        self._files: dict[str, bytes] = {}
         self.is_cut_off = False
         """Whether the end is missing; known after `samples` is exhausted."""
         with open_regular(path) as file:
@@ -153,35 +105,31 @@ class Recording:
             )
 
     def samples(self, begin_ns: float = 0, end_ns: float = math.inf) -> Iterator[Sample]:
-        """Return the samples in recorded order, between two simulated times of each run."""
+        """Return the samples in recorded order, between two simulated times of each run.
+
+        Topics with a leading slash are left out: they repeat samples for readers of ROS bags.
+        """
         schemas: dict[int, type[Message] | None] = {}
         channels: dict[int, tuple[str, Stamp | None, str, type[Message] | None]] = {}
         with open_regular(self.path) as file:
             for record in self._records(file):
                 if isinstance(record, Metadata):
                     self._note_run(record)
-                elif isinstance(record, Attachment):
-                    if _FILE_NAME.fullmatch(record.name):  # other names are not valid keys
-                        self._files[record.name] = record.data
                 elif isinstance(record, Schema):
                     schemas[record.id] = _TYPES.get(record.name)
                 elif isinstance(record, Channel):
-                    kind, meta = schemas.get(record.schema_id), record.metadata
-                    run = self._stamp(record) if "run" in meta else None
-                    encoding = record.message_encoding
-                    if encoding != MessageEncoding.CDR:
-                        encoding = meta.get("zenoh_encoding", JSON_ENCODING)
-                    channels[record.id] = record.topic, run, encoding, kind
+                    if not record.topic.startswith("/"):
+                        encoding = record.metadata.get("zenoh_encoding", record.message_encoding)
+                        kind = schemas.get(record.schema_id)
+                        channels[record.id] = record.topic, self._stamp(record), encoding, kind
                 elif isinstance(record, DataEnd):
                     return
                 elif (
                     isinstance(record, Record)
                     and begin_ns <= record.log_time <= end_ns
-                    and record.channel_id in channels  # missing if its chunk is corrupt
+                    and record.channel_id in channels
                 ):
                     key, run, encoding, kind = channels[record.channel_id]
-                    if record.log_time > MAX_TIME_NS:
-                        raise RecordingError(f"{self.path}: {shortened(key)} at an impossible time")
                     stamp = None if run is None else run._replace(time_ns=record.log_time)
                     yield Sample(key, record.log_time, stamp, record.data, encoding, kind)
         self.is_cut_off = True
@@ -192,21 +140,25 @@ class Recording:
         try:
             yield
         except RefusedError as refusal:
-            where = f"{shortened(sample.key)} at {sample.time_ns / NS_PER_S} s"
-            raise RecordingError(f"{self.path}: {where}: {refusal}") from None
+            place = f"{shortened(sample.key)} at {sample.time_ns / NS_PER_S} s"
+            raise RecordingError(f"{self.path}: {place}: {refusal}") from None
 
     def descriptions(self) -> dict[str, RobotDescription]:
-        """Return the recorded description of each robot, by name."""
-        next((sample for sample in self.samples() if sample.stamp is not None), None)
-        found = {}
-        for name, urdf in self._files.items():
-            robot, _, file = name.rpartition("/")
-            if file == URDF:
-                parts = ((*split_key(other, (robot,)), data) for other, data in self._files.items())
-                own = {other: data for whose, other, data in parts if whose == robot}
-                del own[URDF]
-                found[robot] = RobotDescription(urdf.decode(errors="replace"), own)
-        return found
+        """Return the description of each robot, by name; none without a valid configuration."""
+        first = next((sample.stamp for sample in self.samples() if sample.stamp is not None), None)
+        if first is None:
+            return {}
+        try:
+            scenario = self.scenario(first.run)
+        except MecazenError:
+            return {}
+        parts = {name: scenario.of(name) for name in scenario.names}
+        return {
+            name: RobotDescription(
+                build_urdf(part.robot, part.controller.base_frame_id), build_meshes(part.robot)
+            )
+            for name, part in parts.items()
+        }
 
     def robots(self, run: int) -> tuple[str, ...]:
         """Return the names of a run's robots, known once `samples` has read them."""
@@ -217,10 +169,7 @@ class Recording:
         return self._topic_keys.get(run, {}).get(key, key)
 
     def scenario(self, run: int, *sections: str) -> Scenario:
-        """Return the configuration of a run, with defaults for some sections unless they are named.
-
-        These are the sections `WITH_FILES`, whose files may no longer exist, and the sections of
-        user nodes. If the recording is not trusted, programs that are not installed are left out.
+        """Return the configuration of a run; for `sections` see `read_scenario`.
 
         Raises:
             RecordingError: The configuration is not in the recording.
@@ -230,27 +179,10 @@ class Recording:
         if run not in self.scenarios:
             raise RecordingError(f"{self.path}: without the configuration of run {run}")
         try:
-            tables = parse_toml(self.scenarios[run])
+            return read_scenario(self.scenarios[run], self.path, sections, trusted=self.trusted)
         except ValueError as error:
             reason = printable(f"the configuration of run {run} is damaged: {error}")
             raise RecordingError(f"{self.path}: {reason}") from None
-        code = {} if self.trusted else _code(tables)
-        programs = tables["programs"] if isinstance(tables.get("programs"), dict) else {}
-        if code:
-            tables["programs"] = {name: of for name, of in programs.items() if name not in code}
-        optional = {*code, *programs.keys() - NODES.keys(), *WITH_FILES}
-
-        def wanted(tables: dict[str, Any]) -> dict[str, Any]:
-            return {
-                name: table
-                for name, table in tables.items()
-                if name not in optional or name in sections
-            }
-
-        kept = wanted(tables)
-        if isinstance(robots := tables.get("robots"), list):
-            kept["robots"] = [wanted(one) if isinstance(one, dict) else one for one in robots]
-        return from_tables(kept, self.path, opens_files=self.trusted)
 
     def refuse_code(self) -> None:
         """Check that the recording would run only installed programs.
@@ -259,47 +191,39 @@ class Recording:
             UntrustedError: It would run another program; call this after `samples` has read the
                 configurations.
         """
-        found: dict[str, None] = {}
+        programs: dict[str, None] = {}
         for text in () if self.trusted else self.scenarios.values():
             with suppress(ValueError):  # damage is reported when it is needed
-                found |= dict.fromkeys(_code(parse_toml(text)).values())
-        if found:
-            names = printable(", ".join(found))
+                programs |= dict.fromkeys(user_programs(text).values())
+        if programs:
+            names = printable(", ".join(programs))
             raise UntrustedError(f"{self.path}: would run its programs {names}")
 
     def _records(self, file: IO[bytes]) -> Iterator[McapRecord]:
         """Return the records up to the end of the data or the first corrupt record."""
-        reader = StreamReader(file, emit_chunks=True, record_size_limit=MAX_BYTES)
-        left = MAX_BYTES + MOST_FOLD * os.fstat(file.fileno()).st_size
+        reader = StreamReader(file, validate_crcs=True, record_size_limit=MAX_BYTES)
         try:
-            for record in reader.records:
-                if isinstance(record, Chunk):
-                    chunk = _expanded(record)
-                    left -= len(chunk.data)
-                    if left < 0:
-                        raise RecordingError(f"{self.path}: expands more than {MOST_FOLD}-fold")
-                    yield from breakup_chunk(chunk, validate_crc=True)
-                elif not isinstance(record, Channel | Record):  # outside of a chunk: corrupt
-                    yield record
+            yield from reader.records
         except InvalidMagic:
             raise RecordingError(f"{self.path}: not an MCAP file") from None
         except _DAMAGE:
             return
 
-    def _stamp(self, channel: Channel) -> Stamp:
-        """Return the stamp of a channel's samples, at time 0."""
-        numbers = _numbers(channel.metadata["run"], channel.metadata.get("seed"))
-        if numbers is None:
+    def _stamp(self, channel: Channel) -> Stamp | None:
+        """Return the stamp of a channel's samples, at time 0; None if they have none."""
+        if "run" not in channel.metadata:
+            return None
+        try:
+            return Stamp(0, int(channel.metadata["run"]), int(channel.metadata["seed"]))
+        except (KeyError, ValueError):
             key = shortened(channel.topic)
-            raise RecordingError(f"{self.path}: {key} has no valid run and seed")
-        return Stamp(0, *numbers)
+            raise RecordingError(f"{self.path}: {key} has no valid run and seed") from None
 
     def _note_run(self, record: Metadata) -> None:
-        # metadata has no checksum: ignore invalid values
-        if record.name == "run" and (number := _numbers(record.metadata.get("run"))):
-            scenario = record.metadata.get("scenario")
-            if scenario is not None and len(scenario) <= MAX_SCENARIO_BYTES:
-                self.scenarios[number[0]] = scenario
-                self._robots[number[0]] = robots_in(scenario)
-                renamed = renamed_in(scenario)
-                self._topic_keys[number[0]] = {key: topic for topic, key in renamed.items()}
+        run, scenario = record.metadata.get("run", ""), record.metadata.get("scenario")
+        if record.name == "run" and run.isdecimal() and scenario is not None:
+            number = int(run)
+            self.scenarios[number] = scenario
+            self._robots[number] = robots_in(scenario)
+            renamed = renamed_in(scenario)
+            self._topic_keys[number] = {key: topic for topic, key in renamed.items()}

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from mecazen.bus.session import includes
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.messages import Header, Message, Time
-from mecazen.wire import JSON_ENCODING, NS_PER_S, encode
-from msgspec.structs import replace
+from mecazen.wire import NS_PER_S
 
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
@@ -25,12 +23,8 @@ def publish(
     begin_ns: float = 0,
     end_ns: float = math.inf,
     turn: int = 0,
-    live_ns: Callable[[], int] | None = None,
 ) -> int:
     """Publish the samples of some keys with their original stamps; return their number.
-
-    With `live_ns`, the time of a running robot [ns], samples replace its sensors: they have no
-    stamp, and the times in their headers are shifted to the robot's time.
 
     `speed` is in simulated seconds per wall second; for the times see `Recording.samples`.
     `turn`, the number of earlier publications, is added to the numbers of the runs, since services
@@ -45,33 +39,18 @@ def publish(
     for sample in recording.samples(begin_ns, end_ns):
         if not any(includes(expression, sample.key) for expression in keys):
             continue
-        before, run = run, run if sample.stamp is None else sample.stamp.run
-        if run != before or math.isnan(start_ns):
+        stamp = sample.stamp
+        if math.isnan(start_ns) or (stamp is not None and stamp.run != run):
             start_s, start_ns = time.monotonic(), sample.time_ns
+        if stamp is not None:
+            run = stamp.run
+            stamp = stamp._replace(run=(run + turn) % 2**32)
         due_s = start_s + (sample.time_ns - start_ns) / (speed * NS_PER_S)
         while (left_s := due_s - time.monotonic()) > 0.0:
             bus.spin_once(left_s)
-        if live_ns is not None and sample.kind is not None:
-            with recording.reading(sample):
-                message = _restamped(sample.message(sample.kind), sample.time_ns, live_ns())
-            bus.put_bytes(sample.key, encode(message), JSON_ENCODING)
-            published += 1
-            continue
-        stamp = sample.stamp
-        if stamp is not None:
-            stamp = stamp._replace(run=(stamp.run + turn) % 2**32)
         with recording.reading(sample):
             bus.put_bytes(sample.key, *sample._replace(stamp=stamp).as_published())
         published += 1
     if not published:
         raise RecordingError(f"{recording.path}: nothing on these keys in this time")
     return published
-
-
-def _restamped(message: Message, recorded_ns: int, now_ns: int) -> Message:
-    """Return a message whose header is as old now as it was in the recording."""
-    header = getattr(message, "header", None)
-    if not isinstance(header, Header):
-        return message
-    time_ns = max(now_ns - recorded_ns + header.stamp.ns, 1)  # 0 would be no time
-    return replace(message, header=replace(header, stamp=Time.from_ns(time_ns)))

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
 from mecazen.errors import BusError, ConfigError, MecazenError, UntrustedError
 from mecazen.graph import WORLDS
-from mecazen.keys import CLOCK, TOPICS
 from mecazen.robots import join_key
 from mecazen.text import printable
 from mecazen.wire import NS_PER_S
@@ -31,11 +29,7 @@ from mecazen_tools.cli.options import tool_bus
 from mecazen_tools.strays import OPEN, mistake
 
 if TYPE_CHECKING:
-    from mecazen.bus.zenoh_bus import ZenohBus
     from mecazen_recorder.reader import Recording
-
-SENSED = {topic.key for topic in TOPICS if topic.sensed}
-"""Keys on which a recording may stand in for the sensors of a real robot."""
 
 RecordingFile = Annotated[
     Path, typer.Argument(metavar="FILE.mcap", help="A recording.", show_default=False)
@@ -55,35 +49,21 @@ def record(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE.mcap", help="Where to; a new file.")
     ] = Path("run.mcap"),
-    encoding: Annotated[
-        Literal["cdr", "json"],
-        typer.Option(
-            help="cdr: ROS 2's messages, which Rerun, Foxglove, PlotJuggler and ros2 bag read. "
-            "json: with JSON schemas, which Foxglove reads.",
-        ),
-    ] = "cdr",
-    rrd: Annotated[
-        bool, typer.Option("--rrd", help="Write Rerun's format as well, at the end.")
-    ] = False,
 ) -> None:
     """Record what is published, in MCAP, until Ctrl-C.
 
-    Times are simulated times. After a crash all but the last half second can be read.
+    Rerun, Foxglove, PlotJuggler and ros2 bag read the file. Times are simulated times. After a
+    crash all but the last half second can be read.
 
-    Examples: mecazen record -o run.mcap · mecazen record odom 'target/**' --encoding json
+    Examples: mecazen record -o run.mcap · mecazen record odom 'target/**'
     """
     from mecazen.config import RecorderConfig
     from mecazen.schema import OutputFile
-    from mecazen_recorder import rerun
-    from mecazen_recorder.recorder import record_until_stopped
+    from mecazen_recorder.service import record_until_stopped
 
-    if rrd:
-        if encoding != "cdr":
-            raise ConfigError("--rrd needs --encoding cdr: Rerun does not read the other")
-        rerun.converter()
-    for told in filter(None, map(mistake, keys or ())):
-        typer.echo(f"warning: {told}", err=True)
-    config = RecorderConfig(file=OutputFile(output), keys=tuple(keys or ["**"]), encoding=encoding)
+    for warning in filter(None, map(mistake, keys or ())):
+        typer.echo(f"warning: {warning}", err=True)
+    config = RecorderConfig(file=OutputFile(output), keys=tuple(keys or ["**"]))
     with tool_bus(context) as bus:
         count = record_until_stopped(bus, config)
         lost = bus.refused.total()
@@ -91,8 +71,6 @@ def record(
         output.unlink()
         raise MecazenError(f"{output}: not written, since no sample came" + _also_lost(lost))
     typer.echo(f"{output}: {count} samples{_also_lost(lost)}")
-    if rrd:
-        typer.echo(f"{rerun.convert(output)}: the same for Rerun")
 
 
 def _also_lost(count: int) -> str:
@@ -172,9 +150,7 @@ def replay(
     with tool_bus(context) as bus:
         driving = {join_key(key, name) for name in ("", *descriptions) for key in OPEN}
         alive = bus.alive()
-        sensed = SENSED.issuperset(keys or ["**"]) and "hardware" in alive
-        live_ns = _live(bus) if sensed else None
-        if not (sensed or driving.issuperset(keys or ["**"])) and alive.intersection(WORLDS):
+        if not driving.issuperset(keys or ["**"]) and alive.intersection(WORLDS):
             raise BusError(
                 "a simulation runs there, and what it publishes would mix with the recording: end "
                 f"it first, or replay commands alone: --keys {' or '.join(OPEN)}"
@@ -190,7 +166,6 @@ def replay(
                 begin_ns=begin_ns,
                 end_ns=end_ns,
                 turn=turn,
-                live_ns=live_ns,
             )
             if turn == 0:
                 _tell_of_damage(recording, any_samples=published > 0)
@@ -280,14 +255,6 @@ def plot(
     _tell_of_damage(recording)
     drawing.save(drawn, target, "-o")
     typer.echo(f"picture: {target}")
-
-
-def _live(bus: ZenohBus) -> Callable[[], int]:
-    """Return a function that returns the time of the robot that runs on a bus [ns]."""
-    newest = [0]
-    bus.subscribe(CLOCK, lambda clock, _: newest.__setitem__(0, clock.clock.ns))
-    bus.spin_once(1.0)
-    return lambda: newest[0]
 
 
 def _tell_of_damage(recording: Recording, *, any_samples: bool = True) -> None:

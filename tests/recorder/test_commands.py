@@ -1,22 +1,34 @@
-"""`mecazen record`, `replay` and `info` as processes, over a router."""
+"""`mecazen record`, `replay` and `info` as processes, over a router; and the service."""
 
 import resource
 import signal
+from collections import Counter
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
 import pytest
-from harness import Command, assert_one_line, mecazen
+from harness import SCENARIOS, Command, assert_one_line, load_robot, mecazen
 from mecazen import keys
-from mecazen.messages import Odometry, String
-from mecazen.urdf import RobotDescription, serve_description
+from mecazen.bus import LocalBus
+from mecazen.config import RecorderConfig, Scenario
+from mecazen.loading import load_scenario, to_toml
+from mecazen.messages import Odometry, String, Twist
+from mecazen.runtime.host import Host
+from mecazen.runtime.process import observe
+from mecazen.runtime.worker import Worker
+from mecazen.schema import OutputFile
+from mecazen.urdf import ask_description, build_meshes
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
+from mecazen_recorder.service import free_name
 from mecazen_recorder.writer import RecordingError, RecordingWriter
+from mecazen_tools.recording_info import inspect
 from recorder.conftest import Net
 from recorder.ticks import odometry, stamp_of, tick
 
 PER_TICK = len(tick(0))
+CONVOY = load_scenario(SCENARIOS / "convoy.toml")
 
 
 def samples(path: Path) -> list[Sample]:
@@ -46,10 +58,9 @@ def finish(net: Net, recorder: Command, path: Path, count: int) -> str:
     return out
 
 
-@pytest.mark.parametrize("encoding", ["cdr", "json"])
-def test_what_is_recorded_replayed_and_recorded_again_is_the_same(net, tmp_path, encoding):
+def test_a_replay_recorded_again_is_the_same(net, tmp_path):
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
-    recorder = record(net, first, "--encoding", encoding)
+    recorder = record(net, first)
     net.publish(range(50))
     net.bus.put_bytes("my/key", b"\x00\xff", "image/png", stamp_of(50).pack())
     net.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.5}}')
@@ -64,7 +75,7 @@ def test_what_is_recorded_replayed_and_recorded_again_is_the_same(net, tmp_path,
     assert (info["count"], info["is_cut_off"]) == (count, False)
     assert {k["key"]: k["gaps"] for k in info["keys"]} == dict.fromkeys([*tick(0), "my/key"], 0)
 
-    recorder = record(net, second, "--encoding", encoding)
+    recorder = record(net, second)
     assert f"{count} samples" in net.run("replay", first, "--speed", 100).stdout
     finish(net, recorder, second, count)
     assert samples(second) == expected
@@ -83,7 +94,7 @@ def test_a_recording_without_a_sample_is_an_error_and_no_file(net, tmp_path):
 
 
 @pytest.mark.parametrize("batches", [0, 2])
-def test_after_sigkill_all_that_had_reached_the_disk_is_read(net, tmp_path, batches):
+def test_after_sigkill_all_that_was_flushed_is_read(net, tmp_path, batches):
     path = tmp_path / "killed.mcap"
     recorder = record(net, path)
     for batch in range(batches):
@@ -108,7 +119,7 @@ def test_after_sigkill_all_that_had_reached_the_disk_is_read(net, tmp_path, batc
         assert line.endswith("no sample in it, and its end is missing")
 
 
-def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(net, tmp_path):
+def test_a_full_disk_ends_the_recorder_in_one_line(net, tmp_path):
     path = tmp_path / "full.mcap"
     recorder = record(net, path)
     net.publish(range(20))
@@ -126,7 +137,7 @@ def test_when_the_disk_is_full_expect_one_line_and_what_was_recorded(net, tmp_pa
     assert len(samples(path)) == 20 * PER_TICK
 
 
-def test_what_is_malformed_is_refused_and_the_rest_recorded(net, tmp_path):
+def test_malformed_samples_are_refused_and_counted(net, tmp_path):
     path = tmp_path / "some.mcap"
     recorder = record(net, path)
     for payload in (b"", b"{", b'{"linear":1}', b"\xff"):
@@ -136,25 +147,9 @@ def test_what_is_malformed_is_refused_and_the_rest_recorded(net, tmp_path):
     assert "1 samples, 5 refused or dropped" in finish(net, recorder, path, 1)
 
 
-ROBOT = RobotDescription("<robot/>", {"meshes/r.stl": b"solid"})
-
-
-def test_who_simulates_is_asked_for_the_configuration_and_what_the_robot_looks_like(net, tmp_path):
-    path = tmp_path / "asked.mcap"
-    net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data="seed = 3")))
-    serve_description(net.bus, "", ROBOT)
-    recorder = record(net, path)
-    net.publish(range(2))
-    finish(net, recorder, path, 2 * PER_TICK)
-    recording = Recording(path)
-    assert len(list(recording.samples())) == 2 * PER_TICK
-    assert recording.scenarios == {7: "seed = 3"}
-    assert recording.descriptions() == {"": ROBOT}
-
-
-def test_a_key_of_any_name_is_text_in_the_table(tmp_path):
+def test_a_key_of_any_name_is_printable(tmp_path):
     path = tmp_path / "odd.mcap"
-    writer = RecordingWriter(path, "json")
+    writer = RecordingWriter(path)
     writer.write_bytes("my/[/oops]\x1b[2J", b"x", "", None, 0)
     writer.close()
     shown = mecazen("info", path)
@@ -162,7 +157,7 @@ def test_a_key_of_any_name_is_text_in_the_table(tmp_path):
     assert r"my/[/oops]\u001b[2J" in shown.stdout
 
 
-def test_what_a_user_gets_wrong_is_one_line(net, make_recording, tmp_path):
+def test_wrong_arguments_are_one_line(net, make_recording, tmp_path):
     path = make_recording()
     assert_one_line(net.run("record", "a//b", "-o", tmp_path / "x.mcap"), 1, "a//b")
     assert not (tmp_path / "x.mcap").exists()
@@ -171,22 +166,13 @@ def test_what_a_user_gets_wrong_is_one_line(net, make_recording, tmp_path):
     assert_one_line(through, 1, "no run with its configuration")
 
 
-def test_rerun_and_json_do_not_go_together(tmp_path):
-    done = mecazen("record", "-o", tmp_path / "a.mcap", "--rrd", "--encoding", "json")
-    assert done.returncode == 2
-    assert "--encoding cdr" in done.stderr
-
-
-def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, tmp_path):
-    names = ("one", "two")
-    toml = "".join(f"[[robots]]\nname = '{name}'\n" for name in names)
-    net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=toml)))
-    for name in names:
-        serve_description(net.bus, name, RobotDescription(f"<robot name='{name}'/>", ROBOT.meshes))
+def test_several_robots_are_recorded_and_replayed(net, tmp_path):
+    toml = String(data=to_toml(CONVOY))
+    net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(toml))
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     recorder = record(net, first)
     for number in range(10):
-        for name in names:
+        for name in CONVOY.names:
             odom = keys.of_robot(keys.ODOM, name)
             net.bus.publisher(odom).put(odometry(number), stamp_of(number))
     net.bus.put_bytes("two/odom", b"{", JSON_ENCODING)
@@ -198,10 +184,7 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, 
         ("two/odom", Odometry),
         ("two/camera", None),
     ]
-    assert {name: of.urdf for name, of in Recording(first).descriptions().items()} == {
-        name: f"<robot name='{name}'/>" for name in names
-    }
-    assert Recording(first).descriptions()["two"].meshes == ROBOT.meshes
+    assert Recording(first).descriptions().keys() == set(CONVOY.names)
 
     recorder = record(net, second)
     net.run("replay", first, "--speed", 100)
@@ -214,9 +197,103 @@ def test_what_several_robots_say_is_recorded_and_replayed_as_what_one_says(net, 
     assert_one_line(alone, 2, "--through")
 
 
-def test_some_keys_are_recorded_once_each(net, tmp_path):
+def test_overlapping_expressions_record_a_sample_once(net, tmp_path):
     path = tmp_path / "some.mcap"
     recorder = record(net, path, "odom", "target/*", "o$*", "**/observation")
     net.publish(range(5))
     finish(net, recorder, path, 10)
     assert [s.key for s in samples(path)] == ["odom", "target/observation"] * 5
+
+
+def test_a_replay_does_not_mix_with_a_running_simulation(net, make_recording):
+    net.bus.declare_alive("physics")
+    path = make_recording()
+    for chosen in ((), ("--keys", "odom"), ("--keys", "*")):
+        assert_one_line(net.run("replay", path, *chosen), 1, "a simulation runs there", "cmd_vel")
+    assert "20 samples" in net.run("replay", path, "--keys", "cmd_vel").stdout
+
+
+def test_a_replay_serves_the_descriptions_of_the_robots(net, tmp_path):
+    path, served = tmp_path / "described.mcap", []
+    with closing(RecordingWriter(path)) as writer:
+        writer.write_run(stamp_of(0), to_toml(CONVOY))
+        for number in range(2):
+            stamp = stamp_of(number)
+            writer.write("two/odom", odometry(number), stamp, stamp.time_ns)
+    net.bus.subscribe(keys.of_robot(keys.ODOM, "two"), lambda *_: served.append(1))
+    net.start("replay", path, "--loop")
+    net.wait(lambda: bool(served))
+    for name in CONVOY.names:
+        description = ask_description(net.bus, name, timeout_s=10.0)
+        assert description == Recording(path).descriptions()[name]
+        assert description.meshes == build_meshes(CONVOY.of(name).robot)
+
+
+def test_a_replay_keeps_stamps_and_loops_with_new_runs(net, make_recording):
+    path, received = make_recording(range(4)), []
+    net.bus.subscribe(keys.CMD_VEL, lambda *sample: received.append(sample), every=True)
+    net.bus.subscribe(keys.ODOM, lambda *_: pytest.fail("not asked for"), every=True)
+    options = ("--keys", "cmd_vel", "--from", 0.01, "--to", 0.02)
+    assert "2 samples" in net.run("replay", path, *options).stdout
+    net.wait(lambda: len(received) == 2)
+    assert received == [(tick(n)["cmd_vel"], stamp_of(n)) for n in (1, 2)]
+    net.start("replay", path, *options, "--loop")
+    net.wait(lambda: len(received) >= 8)
+    assert [stamp for _, stamp in received[2:8]] == [
+        stamp_of(n, run) for run in (7, 8, 9) for n in (1, 2)
+    ]
+
+
+def test_info_has_counts_rates_gaps_robots_and_seeds(tmp_path):
+    path = tmp_path / "gaps.mcap"
+    with closing(RecordingWriter(path)) as writer:
+        writer.write_run(stamp_of(0), "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\n")
+        for number in [*range(10), *range(15, 20), *range(22, 30)]:
+            stamp = stamp_of(number)
+            writer.write("cmd_vel", Twist(), stamp, stamp.time_ns)
+        writer.write("two/odom", odometry(0), stamp_of(0, 8, 11), 0)  # a robot's own seed
+        writer.write_bytes("my/key", b"x", "text/plain", None, 0)
+    info = inspect(Recording(path))
+    cmd_vel, mine, odom = info.keys
+    assert (cmd_vel.key, cmd_vel.type, cmd_vel.count) == ("cmd_vel", "geometry_msgs/msg/Twist", 23)
+    assert cmd_vel.rate_hz == pytest.approx(100.0)
+    assert (cmd_vel.gaps, cmd_vel.longest_gap_s) == (2, pytest.approx(0.06))
+    assert (mine.type, mine.count, mine.rate_hz, mine.gaps) == ("text/plain", 1, None, 0)
+    assert (odom.key, odom.type) == ("two/odom", "nav_msgs/msg/Odometry")
+    assert (info.count, info.is_cut_off, info.duration_s) == (25, False, pytest.approx(0.29))
+    assert [(r.run, r.seed, r.robots) for r in info.runs] == [(7, 3, ("one", "two")), (8, 11, ())]
+
+
+def test_the_service_records_the_services_of_its_scenario(program, tmp_path):
+    config = RecorderConfig(file=OutputFile(tmp_path / "run.mcap"), keys=("odom", "diagnostics/*"))
+    scenario = Scenario(
+        robot=load_robot(),
+        services=("follower", "recorder"),
+        programs={"follower": program()},
+        recorder=config,
+    )
+    bus = LocalBus()
+    worker = Worker(Host([("follower", "")], bus, scenario))
+    recorder = observe("recorder", bus, scenario)
+    odom, clock = bus.publisher(keys.ODOM), bus.publisher(keys.CLOCK)
+    for number in (0, 100, 200):
+        clock.put(keys.CLOCK.type(), stamp_of(number))
+        odom.put(odometry(number), stamp_of(number))
+        while worker.step():
+            pass
+    recorder.close()
+    recording = Recording(tmp_path / "run.mcap", trusted=True)
+    by_key = Counter(sample.key for sample in recording.samples())
+    assert by_key == {"odom": 3, "diagnostics/follower": 3, "diagnostics/recorder": 3}
+    assert recording.scenarios == {7: to_toml(scenario)}
+    # its last diagnostics are themselves the ninth sample, and were written after the count
+    assert recorder.diagnostics() == {"recorded": 9}
+
+
+def test_the_next_free_name_is_used_in_real_time(tmp_path, caplog):
+    path = tmp_path / "run.mcap"
+    assert free_name(path) == path
+    for name in ("run.mcap", "run-2.mcap"):
+        (tmp_path / name).touch()
+    assert free_name(path) == tmp_path / "run-3.mcap"
+    assert "run.mcap exists already; this recording is " in caplog.text

@@ -21,7 +21,7 @@ def record(tmp_path):
 
     def write(scenario, *keys):
         path = tmp_path / "run.mcap"
-        writer = RecordingWriter(path, "cdr")
+        writer = RecordingWriter(path)
         writer.write_run(stamp_of(0), to_toml(scenario))
         for number in TICKS:
             for key in keys:
@@ -69,7 +69,7 @@ def test_a_recording_with_nothing_to_draw_says_in_one_line_what_is_missing(recor
         return error_of(RecordingError, lambda: figure(Recording(path), run))
 
     empty, cut = tmp_path / "empty.mcap", tmp_path / "cut.mcap"
-    RecordingWriter(empty, "cdr").close()
+    RecordingWriter(empty).close()
     assert told(empty) == f"{empty}: no run in it"
     some = record(load_scenario(SCENARIOS / "side.toml"), "odom")
     assert told(some) == f"{some}: nothing on ground_truth/odom in run 7"

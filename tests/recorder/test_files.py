@@ -1,0 +1,226 @@
+"""Files: messages are written and read back, also by other programs and from damaged files."""
+
+import resource
+import signal
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+from harness import error_of
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_ros2.decoder import DecoderFactory
+from mecazen.errors import MecazenError
+from mecazen.messages import Twist, Vector3
+from mecazen.wire import JSON_ENCODING, RefusedError
+from mecazen_recorder.reader import Recording, Sample
+from mecazen_recorder.writer import RecordingError, RecordingWriter
+from mecazen_tools.recording_info import inspect
+from recorder.ticks import TICK_NS, stamp_of, tick
+
+TICKS = range(20)
+
+
+def read(path: Path, *times: float) -> list[Sample]:
+    return list(Recording(path).samples(*times))
+
+
+def test_every_message_comes_back_with_its_stamp_and_order(make_recording):
+    samples = read(make_recording(TICKS))
+    expected = [(n, key, message) for n in TICKS for key, message in tick(n).items()]
+    assert [(s.stamp, s.key, s.time_ns) for s in samples] == [
+        (stamp_of(n), key, n * TICK_NS) for n, key, _ in expected
+    ]
+    for sample, (_, _, message) in zip(samples, expected, strict=True):
+        assert sample.message(type(message)) == message
+    span = read(make_recording(TICKS, "span.mcap"), 3 * TICK_NS, 5 * TICK_NS)
+    assert sorted({sample.time_ns for sample in span}) == [3 * TICK_NS, 4 * TICK_NS, 5 * TICK_NS]
+
+
+def test_the_same_samples_give_the_same_file(make_recording):
+    first, second = make_recording(TICKS, "1.mcap"), make_recording(TICKS, "2.mcap")
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_readers_of_ros_bags_read_the_messages(make_recording):
+    with make_recording(TICKS).open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        assert reader.get_header().profile == "ros2"
+        decoded = [(c.topic, m.log_time, ros) for _, c, m, ros in reader.iter_decoded_messages()]
+    odom = [ros for key, _, ros in decoded if key == "odom"]
+    assert [ros.pose.pose.position.x for ros in odom] == [n / 7 for n in TICKS]
+    assert odom[0].pose.covariance == [1 / 3] * 36
+    states = [ros for key, _, ros in decoded if key == "follower/state"]
+    assert [ros.tracking for ros in states] == ["waiting"] * len(TICKS)
+    assert [time for key, time, _ in decoded if key == "clock"] == [n * TICK_NS for n in TICKS]
+
+
+def test_runs_in_one_file_have_their_own_configuration(tmp_path):
+    with closing(RecordingWriter(tmp_path / "runs.mcap")) as writer:
+        stamps = [stamp_of(n, run, run + 1) for run in (1, 2) for n in (0, 1)]
+        for stamp in stamps:
+            if stamp.time_ns == 0:
+                writer.write_run(stamp, f"seed = {stamp.seed}" if stamp.run == 2 else None)
+            writer.write("cmd_vel", Twist(), stamp, stamp.time_ns)
+    recording = Recording(tmp_path / "runs.mcap")
+    assert [sample.stamp for sample in recording.samples()] == stamps
+    assert recording.scenarios == {2: "seed = 3"}
+    assert [(r.run, r.seed, r.has_scenario) for r in inspect(recording).runs] == [
+        (1, 2, False),
+        (2, 3, True),
+    ]
+
+
+def test_unknown_keys_are_kept_and_messages_published_in_json(tmp_path):
+    with closing(RecordingWriter(tmp_path / "raw.mcap")) as writer:
+        writer.write_bytes("my/camera", b"\x00\xff", "image/png", stamp_of(1), TICK_NS)
+        writer.write_bytes("my/camera", b"", "", None, TICK_NS)
+        writer.write("cmd_vel", Twist(linear=Vector3(x=0.3)), stamp_of(3), 3 * TICK_NS)
+    first, second, third = read(tmp_path / "raw.mcap")
+    assert first.as_published() == (b"\x00\xff", "image/png", stamp_of(1).pack())
+    assert second.as_published() == (b"", "", None)
+    payload, encoding, attachment = third.as_published()
+    assert msgspec.json.decode(payload, type=Twist) == Twist(linear=Vector3(x=0.3))
+    assert (encoding, attachment) == (JSON_ENCODING, stamp_of(3).pack())
+
+
+def test_keys_and_runs_have_a_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("mecazen_recorder.writer.MAX_CHANNELS", 2)
+    with closing(RecordingWriter(tmp_path / "a.mcap")) as writer:
+        for run in (1, 2):
+            writer.write("cmd_vel", Twist(), stamp_of(0, run), 0)
+        with pytest.raises(RefusedError, match="at most 2 keys times runs"):
+            writer.write("cmd_vel", Twist(), stamp_of(0, 3), 0)
+    assert len(read(tmp_path / "a.mcap")) == 2
+
+
+@pytest.fixture
+def flushed(tmp_path, monkeypatch):
+    """Return a recording that is flushed after each sample; its sizes; and its samples."""
+    monkeypatch.setattr("mecazen_recorder.writer.FLUSH_S", 0.0)
+    path, sizes = tmp_path / "flushed.mcap", []
+    with closing(RecordingWriter(path)) as writer:
+        writer.write_run(stamp_of(0), "seed = 3")
+        for number in TICKS:
+            writer.write("cmd_vel", Twist(), stamp_of(number), number * TICK_NS)
+            sizes.append(path.stat().st_size)
+    return path, sizes, read(path)
+
+
+def test_a_truncated_file_has_all_that_was_flushed(flushed, tmp_path):
+    path, sizes, samples = flushed
+    data, cut = path.read_bytes(), tmp_path / "cut.mcap"
+    for length in [*range(sizes[0], len(data), 61), *sizes]:
+        cut.write_bytes(data[:length])
+        recording = Recording(cut)
+        kept = list(recording.samples())
+        assert kept == samples[: len(kept)]
+        assert len(kept) >= sum(size <= length for size in sizes)
+        assert recording.is_cut_off or len(kept) == len(samples)
+
+
+def test_a_damaged_byte_costs_samples_or_is_one_line(flushed, tmp_path):
+    path, _, samples = flushed
+    data, damaged = path.read_bytes(), tmp_path / "damaged.mcap"
+    for place in range(0, len(data), 7):
+        damaged.write_bytes(data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :])
+        try:
+            kept = read(damaged)
+        except RecordingError:  # any other error would be a traceback
+            continue
+        assert len(kept) <= len(samples)
+
+
+@contextmanager
+def limited_files(size):
+    """Let files have at most a size: no process can fill a disk in a test."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_a_full_disk_is_one_line_and_costs_no_earlier_sample(tmp_path, monkeypatch):
+    monkeypatch.setattr("mecazen_recorder.writer.FLUSH_S", 0.0)
+    path, count = tmp_path / "a.mcap", 0
+    writer = RecordingWriter(path)
+
+    def write_on():
+        nonlocal count
+        while True:
+            writer.write("cmd_vel", Twist(), stamp_of(count), count * TICK_NS)
+            count += 1
+
+    with limited_files(20_000):
+        problem = error_of(RecordingError, write_on)
+        writer.close()  # as a service does that has failed
+    assert problem.endswith(
+        "can't be written on: File too large; what was recorded before can be read"
+    )
+    assert len(read(path)) == count > 10
+
+
+def damaged(path: Path, **metadata: str) -> None:
+    """Write a file of `mecazen record` with a channel and a run that have these metadata."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("", "mecazen 1")
+        writer.add_metadata("run", metadata)
+        writer.add_message(writer.register_channel("my/key\n", "", 0, metadata), 0, b"", 0)
+        writer.finish()
+
+
+def foreign(path: Path) -> None:
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "rosbag2 0.26")
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    ("write", "reason"),
+    [
+        (lambda path: None, "can't be read: No such file or directory"),
+        (lambda path: path.mkdir(), "can't be read: Is a directory"),
+        (lambda path: path.write_bytes(b""), "not an MCAP file"),
+        (lambda path: path.write_bytes(b"\x89MCAP"), "not an MCAP file"),
+        (lambda path: path.write_bytes(bytes(100)), "not an MCAP file"),
+        (foreign, "an MCAP file of 'rosbag2 0.26', not of `mecazen record`"),
+        (lambda path: damaged(path, run="abc", seed="1"), r"my/key\n has no valid run and seed"),
+        (lambda path: damaged(path, run="1"), r"my/key\n has no valid run and seed"),
+        (
+            lambda path: damaged(path, run="1", seed="1", scenario="seed = \n"),
+            "the configuration of run 1 is damaged: Invalid value (at line 1, column 8)",
+        ),
+        (
+            lambda path: damaged(path, run="1", seed="1", scenario=f"a = {'[' * 5000}{']' * 5000}"),
+            "the configuration of run 1 is damaged: nested too deep",
+        ),
+        (lambda path: damaged(path, run="1", seed="1"), "without the configuration of run 1"),
+    ],
+)
+def test_a_wrong_file_is_one_line(write, reason, tmp_path):
+    path = tmp_path / "x.mcap"
+    write(path)
+
+    def use() -> None:
+        recording = Recording(path)
+        list(recording.samples())
+        recording.scenario(1)
+
+    assert error_of(MecazenError, use) == f"{path}: {reason}"
+
+
+def test_existing_files_are_kept_and_missing_folders_are_one_line(make_recording, tmp_path):
+    path = make_recording()
+    before = path.read_bytes()
+    with pytest.raises(RecordingError, match="exists already"):
+        RecordingWriter(path)
+    assert path.read_bytes() == before
+    with pytest.raises(RecordingError, match="No such file or directory"):
+        RecordingWriter(tmp_path / "none" / "a.mcap")
