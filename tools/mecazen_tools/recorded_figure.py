@@ -43,8 +43,9 @@ def figure(recording: Recording, number: int | None) -> Figure:
         truth = join_key(keys.GROUND_TRUTH.key, robot)
         if truth not in rows:
             raise RecordingError(f"{recording.path}: nothing on {truth} in run {wanted}")
-        others = (join_key(topic.key, robot) for topic in (keys.TARGET_ODOM, keys.CMD_VEL))
-        person, command = (rows.get(key, []) for key in others)
+        person, command = (
+            rows.get(join_key(topic.key, robot), []) for topic in (keys.TARGET_ODOM, keys.CMD_VEL)
+        )
         courses.append(
             Course(
                 robot,

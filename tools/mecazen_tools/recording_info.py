@@ -81,10 +81,10 @@ def inspect(recording: Recording) -> Info:
                 with recording.reading(sample):
                     message = sample.message(Parameters)
                 before, known[stamp.run] = known.get(stamp.run, ()), message.parameters
-                if new := [one for one in message.parameters if one not in before]:
-                    settings = ", ".join(f"{one.name}={one.value}" for one in new)
-                    told = f"t = {message.header.stamp.ns / NS_PER_S:g} s: {settings}"
-                    changes.setdefault(stamp.run, []).append(told)
+                if new := [change for change in message.parameters if change not in before]:
+                    settings = ", ".join(f"{change.name}={change.value}" for change in new)
+                    line = f"t = {message.header.stamp.ns / NS_PER_S:g} s: {settings}"
+                    changes.setdefault(stamp.run, []).append(line)
     runs = []
     for run, (first, last) in spans.items():
         names = tuple(filter(None, recording.robots(run)))
@@ -92,8 +92,8 @@ def inspect(recording: Recording) -> Info:
         is_known, changed = run in recording.scenarios, tuple(changes.get(run, ()))
         runs.append(RunInfo(run, seeds.get(run), names, *span_s, is_known, changed))
     infos = tuple(_key_info(key, types[key], list(times[key].values())) for key in sorted(times))
-    count = sum(one.count for one in infos)
-    duration_s = sum(one.end_s - one.begin_s for one in runs)
+    count = sum(info.count for info in infos)
+    duration_s = sum(run.end_s - run.begin_s for run in runs)
     return Info(str(recording.path), recording.is_cut_off, count, duration_s, tuple(runs), infos)
 
 

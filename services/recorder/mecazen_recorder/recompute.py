@@ -144,8 +144,8 @@ def _recompute_run(
     turns = worker.host.loop.turns
     inputs = [slot.on_bus for turn in turns for slot in turn.slots]
     topics = {bus.key_of(topic): topic for topic in inputs}
-    given = [output.on_bus for turn in turns for output in turn.outputs.values()]
-    outputs = {bus.key_of(topic): topic for topic in given}
+    published = [output.on_bus for turn in turns for output in turn.outputs.values()]
+    outputs = {bus.key_of(topic): topic for topic in published}
     topics |= {**outputs, PARAMETERS.key: PARAMETERS}
     recorded: dict[str, Outputs] = {key: [] for key in outputs}
     recomputed: dict[str, Outputs] = {key: [] for key in outputs}
@@ -171,10 +171,12 @@ def _recompute_run(
             last_ns[sample.key] = sample.time_ns
     # the last completely recorded tick
     horizon_ns = min(last_ns.values(), default=0)
-    kept = {key: found for key, found in recorded.items() if found}
-    differences = [_compare(key, was, recomputed[key], horizon_ns) for key, was in kept.items()]
-    first = min(filter(None, differences), key=lambda found: found.time_ns, default=None)
-    return Comparison(Counter({key: len(was) for key, was in kept.items()}), first)
+    compared = {key: messages for key, messages in recorded.items() if messages}
+    differences = [
+        _compare(key, messages, recomputed[key], horizon_ns) for key, messages in compared.items()
+    ]
+    first = min(filter(None, differences), key=lambda difference: difference.time_ns, default=None)
+    return Comparison(Counter({key: len(messages) for key, messages in compared.items()}), first)
 
 
 def _keep(kept: Outputs, message: Message, stamp: Stamp | None) -> None:
@@ -185,13 +187,15 @@ def _keep(kept: Outputs, message: Message, stamp: Stamp | None) -> None:
 def _compare(
     key: str, recorded: Outputs, recomputed: Outputs, horizon_ns: int
 ) -> Difference | None:
-    within = ([one for one in kept if one[0] <= horizon_ns] for kept in (recorded, recomputed))
+    within = (
+        [(time_ns, message) for time_ns, message in outputs if time_ns <= horizon_ns]
+        for outputs in (recorded, recomputed)
+    )
     for (old_ns, old), (new_ns, new) in zip_longest(*within, fillvalue=(math.inf, Message())):
         if old_ns != new_ns:
-            there = [
-                "a message" if ns == min(old_ns, new_ns) else NOTHING for ns in (old_ns, new_ns)
-            ]
-            return Difference(key, int(min(old_ns, new_ns)), "", *there)
+            first_ns = min(old_ns, new_ns)
+            values = ["a message" if ns == first_ns else NOTHING for ns in (old_ns, new_ns)]
+            return Difference(key, int(first_ns), "", *values)
         # compared as bytes, since 0.0 and -0.0 are equal as numbers
         if encode(old) != encode(new):
             was, now = map(msgspec.to_builtins, (old, new))

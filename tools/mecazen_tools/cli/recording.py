@@ -168,7 +168,7 @@ def replay(
                 turn=turn,
             )
             if turn == 0:
-                _tell_of_damage(recording, any_samples=published > 0)
+                _report_damage(recording, any_samples=published > 0)
                 typer.echo(f"{published} samples published")
 
 
@@ -182,7 +182,7 @@ def _recompute(recording: Recording, program: str, robot: str) -> None:
             raise UntrustedError(f"{error}: --trust allows it") from None
         recording.trusted = True
         compared = recompute(recording, program, robot)
-    _tell_of_damage(recording)
+    _report_damage(recording)
     if compared.difference is not None:
         raise MecazenError(f"{recording.path}: {compared.difference}")
     counts = sorted(compared.counts.items())
@@ -200,20 +200,20 @@ def info(
     from mecazen_tools.recording_info import inspect
 
     recording = Recording(file)
-    found = inspect(recording)
-    _tell_of_damage(recording, any_samples=found.count > 0)
+    contents = inspect(recording)
+    _report_damage(recording, any_samples=contents.count > 0)
     if as_json:
-        typer.echo(msgspec.json.format(msgspec.json.encode(found)).decode())
+        typer.echo(msgspec.json.format(msgspec.json.encode(contents)).decode())
         return
     table = Table(Column("key", no_wrap=True), "message", "samples", "Hz", "gaps", "longest gap")
-    for key in found.keys:
+    for key in contents.keys:
         rate = "-" if key.rate_hz is None else f"{key.rate_hz:g}"
         longest = "-" if key.longest_gap_s is None else f"{key.longest_gap_s:g} s"
         message = key.type.rpartition("/msg/")[2]  # a terminal is narrow, and keys may be long
         cells = key.key, message, str(key.count), rate, str(key.gaps), longest
         table.add_row(*(Text(printable(cell)) for cell in cells))  # any client can choose a key
     Console().print(table)
-    for run in found.runs:
+    for run in contents.runs:
         known = "" if run.has_scenario else ", without its configuration"
         seed = "" if run.seed is None else f", seed {run.seed}"
         robots = f", robots {', '.join(run.robots)}" if run.robots else ""
@@ -252,16 +252,16 @@ def plot(
     from mecazen_tools.recorded_figure import figure  # after the check that Matplotlib is installed
 
     drawn = figure(recording, run)
-    _tell_of_damage(recording)
+    _report_damage(recording)
     drawing.save(drawn, target, "-o")
     typer.echo(f"picture: {target}")
 
 
-def _tell_of_damage(recording: Recording, *, any_samples: bool = True) -> None:
+def _report_damage(recording: Recording, *, any_samples: bool = True) -> None:
     """Report that the end is missing; a recording without a sample is an error, damaged or not."""
     if not any_samples:
         cut = ", and its end is missing" if recording.is_cut_off else ""
         raise MecazenError(f"{recording.path}: no sample in it{cut}")
     if recording.is_cut_off:
-        what = "the end of the file is missing; what is there was read"
-        typer.echo(f"{recording.path}: {what}", err=True)
+        problem = "the end of the file is missing; what is there was read"
+        typer.echo(f"{recording.path}: {problem}", err=True)
