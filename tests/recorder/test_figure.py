@@ -43,7 +43,7 @@ def rows(key):
     return np.array([(0.01 * n, *poses[n], 0.5, 0.0, 0.0) for n in TICKS])
 
 
-def test_it_shows_what_was_recorded_of_robot_person_and_commands(record):
+def test_the_figure_is_that_of_the_run(record):
     scenario = load_scenario(SCENARIOS / "side.toml")
     truth, person = "ground_truth/odom", "target/odom"
     drawn = figure(Recording(record(scenario, truth, person)), None)
@@ -56,7 +56,7 @@ def test_it_shows_what_was_recorded_of_robot_person_and_commands(record):
             assert line.get_xydata() == pytest.approx(curve.get_xydata(), nan_ok=True)
 
 
-def test_without_a_follower_there_is_no_wanted_place_and_a_hand_is_seen(record):
+def test_without_a_follower_no_goal_is_drawn(record):
     path = record(load_scenario(SCENARIOS / "teleop.toml"), "ground_truth/odom")
     drawn = figure(Recording(path), None)
     assert [axes.get_ylabel() for axes in drawn.axes] == ["y [m]", *VELOCITIES]
@@ -64,7 +64,7 @@ def test_without_a_follower_there_is_no_wanted_place_and_a_hand_is_seen(record):
     assert drawn.axes[2].get_ylim() == (-0.1, 0.1)  # sideways, where nothing moves
 
 
-def test_a_recording_with_nothing_to_draw_says_in_one_line_what_is_missing(record, tmp_path):
+def test_missing_data_of_a_figure_is_one_line(record, tmp_path):
     def told(path, run=None):
         return error_of(RecordingError, lambda: figure(Recording(path), run))
 
