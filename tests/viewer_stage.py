@@ -16,7 +16,6 @@ from mecazen.robot import WHEEL_JOINTS
 from mecazen.runtime.process import observe
 from mecazen.urdf import RobotDescription, serve_description
 from mecazen.wire import Stamp
-from mecazen_viewer.components import Components
 
 TICK_NS = 10_000_000
 SEED = 7
@@ -30,9 +29,10 @@ URDF = """<robot name="toy">
 </robot>"""
 
 
-def values(entities: Mapping[str, Components], path: str, component: str) -> np.ndarray:
+def values(entities: Mapping[str, Any], path: str, component: str) -> np.ndarray:
     """Return the logged values of a component of a path, such as `Transform3D:translation`."""
-    logged = {str(batch.component_descriptor()): batch for batch in entities[path]}
+    batches = entities[path].as_component_batches()
+    logged = {str(batch.component_descriptor()): batch for batch in batches}
     return np.array(logged[component].as_arrow_array().to_pylist())
 
 

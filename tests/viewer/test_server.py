@@ -1,23 +1,24 @@
-"""The server: attaching at any time, ports, memory, and its end."""
+"""Rerun as a child process: attaching at any time, ports, memory, and its end."""
 
+import os
+import select
+import socket
 import subprocess
 import sys
 import urllib.request
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import psutil
 import pytest
 from mecazen.config import ViewerConfig
-from mecazen_viewer.layout import blueprint
-from mecazen_viewer.server import Server, serving
+from mecazen_viewer.rerun_process import RerunError, RerunServer
 from rerun.experimental import ViewerClient, ViewerState
 from viewer_stage import Stage, paths_of
 
 ANYWHERE = ViewerConfig(web_port=0, data_port=0)
-LAYOUT = blueprint(("",))
 GUARD = 200
 """Questions to a viewer that are answered one after the other: only a hang needs so many."""
 
@@ -33,13 +34,13 @@ def wait(viewer: ViewerClient, recordings: int) -> ViewerState:
 
 
 @contextmanager
-def playing(*robots: str, ticks: int = 50) -> Iterator[tuple[Server, Callable[[int], None]]]:
+def playing(*robots: str, ticks: int = 50) -> Iterator[tuple[RerunServer, Callable[[int], None]]]:
     """A server that shows run 1, and what plays another run."""
     stage = Stage(robots=robots)
-    with serving(ANYWHERE, blueprint(robots or ("",))) as server:
+    with closing(RerunServer(ANYWHERE)) as server:
+        stage.viewer.serve_at(server.uri)
 
         def play(run: int) -> None:
-            stage.viewer.send = server.take
             stage.play(run, ticks)
             stage.viewer.recording.flush(timeout_sec=10.0)
 
@@ -48,7 +49,7 @@ def playing(*robots: str, ticks: int = 50) -> Iterator[tuple[Server, Callable[[i
         stage.viewer.end()
 
 
-def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach):
+def test_late_viewer_sees_the_whole_scene_and_the_past(attach):
     with playing() as (server, _):
         attach.open(server.uri)
         (recording,) = wait(attach, 1).recordings
@@ -69,7 +70,7 @@ def test_who_attaches_late_sees_the_whole_scene_and_the_past(attach):
         } <= paths_of(attach, recording)
 
 
-def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach):
+def test_attached_viewer_switches_to_a_new_run(attach):
     with playing() as (server, play):
         attach.open(server.uri)
         assert wait(attach, 1).active_recording == "Recording:mecazen:00000001"
@@ -77,7 +78,7 @@ def test_a_new_run_is_a_new_recording_in_the_viewer_that_is_attached(attach):
         assert wait(attach, 2).active_recording == "Recording:mecazen:00000002"
 
 
-def test_two_robots_are_in_one_scene_and_no_view_of_either_complains(attach):
+def test_two_robots_share_one_scene_without_complaints(attach):
     with playing("one", "two", ticks=150) as (server, _):
         attach.open(server.uri)
         state = wait(attach, 1)
@@ -89,68 +90,111 @@ def test_two_robots_are_in_one_scene_and_no_view_of_either_complains(attach):
             assert {f"/{what.format(robot)}" for robot in ("one", "two")} <= paths
 
 
-def test_the_page_is_served_on_loopback_and_only_there():
-    with serving(ANYWHERE, LAYOUT) as server:
-        with urllib.request.urlopen(server.url, timeout=10.0) as answer:  # noqa: S310
-            assert b"Rerun" in answer.read()
-        (rerun,) = psutil.Process().children()
+def test_page_and_data_are_served_on_loopback_only():
+    with closing(RerunServer(ANYWHERE)) as server:
+        with urllib.request.urlopen(server.url, timeout=10.0) as page:  # noqa: S310
+            assert b"Rerun" in page.read()
+        rerun = psutil.Process(server.pid)
         listening = [c for c in rerun.net_connections() if c.status == psutil.CONN_LISTEN]
         assert len(listening) == 2
         assert {connection.laddr.ip for connection in listening} == {"127.0.0.1"}
 
 
-def test_a_viewer_whose_server_has_died_survives_a_reset_and_so_do_others():
+@pytest.mark.parametrize("key", ["web_port", "data_port"])
+def test_taken_port_is_named_in_one_line(key):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        config = ViewerConfig(**{"web_port": 0, "data_port": 0, key: port})
+        with pytest.raises(RerunError) as caught:
+            RerunServer(config)
+    assert str(caught.value).startswith(f"viewer.{key} = {port}: address already in use")
+    assert "\n" not in str(caught.value)
+
+
+def test_invalid_address_is_named():
+    config = ViewerConfig(web_port=0, data_port=0, listen="nowhere")
+    with pytest.raises(RerunError, match="invalid value 'nowhere'"):
+        RerunServer(config)
+
+
+def kill(server: RerunServer) -> None:
+    rerun = psutil.Process(server.pid)
+    rerun.kill()
+    rerun.wait()
+
+
+def test_killed_server_is_one_line_and_survived_by_resets():
     stage = Stage()
-    with serving(ANYWHERE, LAYOUT) as server:
-        stage.viewer.send = server.take
+    with closing(RerunServer(ANYWHERE)) as server:
+        stage.viewer.serve_at(server.uri)
         stage.play(run=1, ticks=1)
-        held = stage.viewer.recording
-        held.flush(timeout_sec=10.0)
-        (rerun,) = psutil.Process().children()
-        rerun.kill()
-        rerun.wait()
+        recording = stage.viewer.recording
+        recording.flush(timeout_sec=10.0)
+        server.check()
+        kill(server)
+        with pytest.raises(RerunError, match="rerun has ended"):
+            server.check()
         stage.viewer.reset(seed=2)
         other = Stage()
         other.play(run=1, ticks=1)
         assert other.shown == ["00000001"]
         with pytest.raises(RuntimeError):
-            held.flush(timeout_sec=10.0)
+            recording.flush(timeout_sec=10.0)
+
+
+def test_server_ends_when_the_viewer_is_killed():
+    code = (
+        "from mecazen.config import ViewerConfig\n"
+        "from mecazen_viewer.rerun_process import RerunServer\n"
+        "import sys\n"
+        "print(RerunServer(ViewerConfig(web_port=0, data_port=0)).pid, flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as viewer:
+        server = os.pidfd_open(int(viewer.stdout.readline()))
+        viewer.kill()
+        assert select.select([server], [], [], 60.0)[0]
+        os.close(server)
 
 
 MEMORY = """
 import numpy as np
 import psutil
 import rerun as rr
+from contextlib import closing
 from mecazen.config import ViewerConfig
-from mecazen_viewer.layout import blueprint
-from mecazen_viewer.server import serving
+from mecazen_viewer.rerun_process import RerunServer
+from mecazen_viewer.service import MEMORY_LIMIT
 from viewer_stage import Stage
 
 stage, me = Stage(), psutil.Process()
 kilobytes_100 = np.zeros((8333, 3), dtype=np.float32)
 
-def tell():
+def report():
     stage.viewer.recording.flush(timeout_sec=60.0)
     memory = sum(process.memory_info().rss for process in (me, *me.children())) / 1e6
     print(memory, me.num_threads(), flush=True)
 
-with serving(ViewerConfig(web_port=0, data_port=0), blueprint([""])) as server:
-    stage.viewer.send = server.take
+config = ViewerConfig(web_port=0, data_port=0)
+with closing(RerunServer(config, f"--server-memory-limit={MEMORY_LIMIT}")) as server:
+    stage.viewer.serve_at(server.uri)
     for begin in range(0, 4000, 2):
         stage.play(run=1, ticks=2, begin=begin)
         stage.viewer.recording.log("much", rr.Points3D(kilobytes_100))
         if begin % 200 == 0:
             stage.viewer.recording.flush(timeout_sec=60.0)
-    tell()
+    report()
     for run in range(2, 62):
         stage.play(run, ticks=2)
-    tell()
+    report()
     stage.viewer.end()
 """
 
 
-def test_memory_is_bounded_however_long_a_run_and_however_many_there_are():
-    told = subprocess.run(
+def test_memory_is_bounded_over_long_and_many_runs():
+    output = subprocess.run(
         [sys.executable, "-c", MEMORY],
         capture_output=True,
         text=True,
@@ -158,7 +202,7 @@ def test_memory_is_bounded_however_long_a_run_and_however_many_there_are():
         timeout=300,
         cwd=Path(__file__).parents[1],
     ).stdout
-    (long, threads), (many, in_the_end) = (map(float, line.split()) for line in told.splitlines())
+    (long, threads), (many, in_the_end) = (map(float, line.split()) for line in output.splitlines())
     # 200 MB were logged, and programs alone take 180 MB: without a bound it were 380
     assert long < 300.0
     # a run leaves what of it never changes, and no thread

@@ -1,20 +1,26 @@
 """Runs become recordings, wrong samples are refused, a run without a description has no robot."""
 
 import logging
+from types import SimpleNamespace
 
 import pytest
+from harness import error_of, load_robot
 from hostile import FORGED, FUZZ, puts
 from hypothesis import given
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.urdf import RobotDescription, serve_description
-from mecazen.wire import Stamp
+from mecazen.wire import Stamp, encode
+from mecazen_tools.cli.view import view
+from mecazen_viewer.service import draw
+from viewer.drawing import Content
 from viewer_stage import COVARIANCE, URDF, Stage
 
 
-def test_each_run_is_a_recording_of_its_own_that_begins_with_its_first_sample():
+def test_each_run_is_a_separate_recording():
     stage = Stage()
     assert stage.shown == []
     stage.play(run=0xABC, ticks=3)
@@ -22,7 +28,7 @@ def test_each_run_is_a_recording_of_its_own_that_begins_with_its_first_sample():
     assert stage.shown == ["00000abc", "00000def"]
 
 
-def test_what_is_late_of_an_ended_run_begins_no_recording():
+def test_late_samples_of_an_ended_run_begin_no_recording():
     stage = Stage()
     stage.play(run=1, ticks=2)
     stage.play(run=2, ticks=2)
@@ -30,7 +36,7 @@ def test_what_is_late_of_an_ended_run_begins_no_recording():
     assert len(stage.shown) == 2
 
 
-def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none():
+def test_unstamped_command_belongs_to_the_run_and_begins_none():
     stage = Stage()
     stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
     assert stage.shown == []
@@ -44,9 +50,7 @@ def test_a_command_of_an_outsider_belongs_to_the_run_and_begins_none():
     [((), "the robot", "robot_description"), (("one", "two"), "two", "two/robot_description")],
     ids=["one", "several"],
 )
-def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robot(
-    caplog, robots, whose, key
-):
+def test_missing_robot_description_is_one_line(caplog, robots, whose, key):
     stage = Stage(described=False, robots=robots)
     for robot in robots[:-1]:
         serve_description(stage.bus, robot, RobotDescription(URDF, {}))
@@ -63,9 +67,7 @@ def test_without_a_description_the_rest_is_shown_and_one_line_says_of_which_robo
     [((), "ground_truth/odom"), (("one", "two"), "two/ground_truth/odom")],
     ids=["one robot", "several robots"],
 )
-def test_a_pose_that_can_not_be_drawn_is_refused_and_the_next_is_shown_in_the_same_recording(
-    robots, key
-):
+def test_pose_out_of_range_is_refused(robots, key):
     stage = Stage(robots=robots)
     stage.play(run=1, ticks=1)
     far = m.planar_odometry(m.Time(), "world", "base_link", Pose2D(1e9), Twist2D())
@@ -99,10 +101,44 @@ GOOD = {
 
 @FUZZ
 @given(wrong=puts(GOOD, FORGED))
-def test_whatever_comes_the_viewer_goes_on(wrong):
+def test_viewer_survives_hostile_samples(wrong):
     stage = Stage()
     assert "physics" in Scenario(robot=stage.viewer.scenario.robot).services
     for put in wrong:
         stage.bus.put_bytes(*put)
     stage.play(run=4711, ticks=1)
     assert stage.viewer.stamp.run == 4711
+
+
+def recording_of(*samples: tuple[int, int | None]) -> SimpleNamespace:
+    """A recording of the robot's poses at times [ms] of runs; None is before the first run."""
+
+    def sample(ms: int, run: int | None) -> SimpleNamespace:
+        stamp = None if run is None else Stamp(ms * 10**6, run, 3)
+        odom = m.planar_odometry(m.Time(), "world", "base_link", Pose2D(), Twist2D())
+        published = encode(odom), "application/json", stamp and stamp.pack()
+        return SimpleNamespace(key="ground_truth/odom", stamp=stamp, as_published=lambda: published)
+
+    return SimpleNamespace(
+        path="run.mcap",
+        samples=lambda: (sample(*row) for row in samples),
+        descriptions=dict,
+        scenario=lambda *_: Scenario(robot=load_robot()),
+    )
+
+
+def test_recorded_runs_become_files_at_the_frame_rate(tmp_path):
+    ticks = [(10 * tick, 1) for tick in range(10)]
+    files = draw(recording_of((0, None), *ticks, (0, 2)), tmp_path)
+    counts = [len(Content(file).all("world/robot", "Transform3D:translation")) for file in files]
+    assert counts == [3, 1]  # 30 a second: every fourth of those each 10 ms
+
+
+def test_files_that_are_not_recordings_are_refused(tmp_path):
+    text = tmp_path / "text.mcap"
+    text.write_text("hello")
+    missing = tmp_path / "missing.rrd"
+    for file, reason in ((text, "not an MCAP file"), (missing, "no such file")):
+        assert error_of(ConfigError, lambda file=file: view(file)) == f"{file}: {reason}"
+    empty = recording_of((0, None))
+    assert error_of(ConfigError, lambda: draw(empty, tmp_path)) == "run.mcap: holds no run"

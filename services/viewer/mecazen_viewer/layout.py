@@ -1,20 +1,82 @@
-"""The initial layout of a viewer: follow view, top view, plots, text."""
+"""Paths of entities in a recording, their colours, and the layout of the views that show them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import rerun as rr
 import rerun.blueprint as rrb
 
-from mecazen_viewer import entities as e
-from mecazen_viewer.plots import TIME_LINES
+Entity = tuple[str, rr.AsComponents]
+"""A path in the recording and the data to log there."""
 
-BACKGROUND = (206, 211, 218)
+TIMELINE = "sim_time"
+
+WORLD = "world"
+FOLLOW = "world/follow"
+"""The frame of the large view: it moves with the robot and does not rotate."""
+GROUND = "world/ground"
+ROBOT = "world/robot"
+PERSON = "world/person"
+OBSTACLES = "world/obstacles"
+RIDGES = "world/ridges"
+PATCHES = "world/patches"
+OBSERVATION = "world/observation"
+OBSERVATION_ELLIPSE = "world/observation_covariance"
+ODOM = "world/odom"
+"""The odom frame, placed so that odometry and ground truth of the robot coincide."""
+ESTIMATE = "world/odom/estimate"
+ESTIMATE_ELLIPSE = "world/odom/estimate_covariance"
+GOAL = "world/odom/goal"
+TRAILS = "world/trails"
+BODY = "world/body"
+"""The person's true limbs."""
+PEOPLE = "world/people"
+"""The bones of people whom no robot follows."""
+SKELETON = "world/skeleton"
+"""The bones that the body tracker sees."""
+SCAN = "world/scan"
+FRUSTUM = "world/robot/camera_view"
+DEPTH = "camera/depth"
+
+DISTANCE = "plots/distance"
+ANGLE = "plots/angle"
+VELOCITY = "plots/velocity"
+YAW_RATE = "plots/yaw_rate"
+WHEEL_SPEED = "plots/wheel_speed"
+NEES = "plots/nees"
+REAL_TIME = "plots/real_time"
+"""The only plot that all robots share."""
+
+LOG = "log"
+HEALTH = "health"
+
+Colour = tuple[int, int, int]
+
+# after Okabe and Ito: safe for the colour-blind, readable on dark and light backgrounds
+BLUE: Colour = (0, 114, 178)
+ORANGE: Colour = (230, 159, 0)
+GREEN: Colour = (0, 158, 115)
+PURPLE: Colour = (190, 90, 160)
+SKY: Colour = (86, 180, 233)
+RED: Colour = (213, 40, 30)
+GREY: Colour = (128, 128, 128)
+BACKGROUND: Colour = (206, 211, 218)
 """Background of the scene in both themes of the viewer: light, since the robot is dark."""
+
 PLOTTED_NS = 30 * 10**9
 """Time span of each plot [ns]."""
 WHEEL_SHARE = 1.5
 """Height of the plot with the longest legend, relative to the others."""
+
+
+def path_of_robot(path: str, robot: str) -> str:
+    """Return a path in the namespace of one of several robots, whose name follows the first part.
+
+    A path of one part, such as the table of health, belongs to all robots.
+    """
+    branch, slash, below = path.partition("/")
+    return f"{branch}/{robot}/{below}" if robot and slash else path
 
 
 def application(robots: Sequence[str]) -> str:
@@ -24,23 +86,23 @@ def application(robots: Sequence[str]) -> str:
 
 def blueprint(robots: Sequence[str]) -> rrb.Blueprint:
     """Return the layout; each of several robots has a tab of its name."""
-    parts = [_of_robot(robot) for robot in robots]
+    tabs = [_views(robot) for robot in robots]
     return rrb.Blueprint(
-        parts[0] if len(parts) == 1 else rrb.Tabs(*parts),
-        rrb.TimePanel(timeline=e.TIMELINE, play_state="following", state="collapsed"),
+        tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs),
+        rrb.TimePanel(timeline=TIMELINE, play_state="following", state="collapsed"),
         collapse_panels=True,
     )
 
 
-def _of_robot(robot: str) -> rrb.Horizontal:
+def _views(robot: str) -> rrb.Horizontal:
     """Return views of the scene that follow a robot, and the robot's plots."""
     start = rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS)
     end = rrb.TimeRangeBoundary.cursor_relative()
-    past = rrb.VisibleTimeRange(e.TIMELINE, start=start, end=end)
+    past = rrb.VisibleTimeRange(TIMELINE, start=start, end=end)
 
     def plot(path: str, name: str) -> rrb.TimeSeriesView:
         return rrb.TimeSeriesView(
-            origin=path if path in TIME_LINES else e.of_robot(path, robot),
+            origin=path if path == REAL_TIME else path_of_robot(path, robot),
             name=name,
             time_ranges=past,
             axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end)),
@@ -50,8 +112,8 @@ def _of_robot(robot: str) -> rrb.Horizontal:
 
     def scene(name: str, eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
         return rrb.Spatial3DView(
-            origin=e.of_robot(e.FOLLOW, robot),
-            contents=f"{e.WORLD}/**",
+            origin=path_of_robot(FOLLOW, robot),
+            contents=f"{WORLD}/**",
             name=name,
             background=BACKGROUND,
             line_grid=False,
@@ -66,8 +128,8 @@ def _of_robot(robot: str) -> rrb.Horizontal:
     )
     columns = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
     text = rrb.Vertical(
-        rrb.TextDocumentView(origin=e.HEALTH, name="health"),
-        rrb.TextLogView(origin=e.LOG, name="log", columns=columns),
+        rrb.TextDocumentView(origin=HEALTH, name="health"),
+        rrb.TextLogView(origin=LOG, name="log", columns=columns),
     )
     scenes = rrb.Vertical(
         scene("following", follow),
@@ -75,14 +137,14 @@ def _of_robot(robot: str) -> rrb.Horizontal:
         row_shares=[3, 2],
     )
     plots = rrb.Vertical(
-        plot(e.DISTANCE, "distance error [m]"),
-        plot(e.ANGLE, "heading error [°]"),
+        plot(DISTANCE, "distance error [m]"),
+        plot(ANGLE, "heading error [°]"),
         rrb.Horizontal(
-            plot(e.VELOCITY, "body velocity [m/s]"),
-            plot(e.YAW_RATE, "yaw rate [rad/s]"),
+            plot(VELOCITY, "body velocity [m/s]"),
+            plot(YAW_RATE, "yaw rate [rad/s]"),
         ),
-        plot(e.WHEEL_SPEED, "wheel speed [rad/s]"),
-        rrb.Horizontal(plot(e.NEES, "estimator: NEES"), plot(e.REAL_TIME, "real-time factor")),
+        plot(WHEEL_SPEED, "wheel speed [rad/s]"),
+        rrb.Horizontal(plot(NEES, "estimator: NEES"), plot(REAL_TIME, "real-time factor")),
         row_shares=[1, 1, 1, WHEEL_SHARE, 1],
     )
     return rrb.Horizontal(scenes, plots, column_shares=[3, 2], name=robot or None)

@@ -1,30 +1,30 @@
-"""Converts messages to entities, without bus and clock."""
+"""Converts messages to entities in a recording, without bus and clock."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 import rerun as rr
 from mecazen import messages as m
 from mecazen.config import Scenario
+from mecazen.config.people import Body
 from mecazen.errors import RefusedError
-from mecazen.geometry import Pose2D, Standoff
-from mecazen.graph import CROWD, WORLDS
+from mecazen.geometry import Pose2D, PoseHistory, Standoff, Twist2D, wrap
+from mecazen.graph import WORLDS
 from mecazen.limits import FARTHEST_M
+from mecazen.portable import Floats
 from mecazen.robot import WHEELS
 from mecazen.urdf import RobotDescription, read
+from mecazen_people.body.walker import Walker
+from mecazen_people.motion import Motion
 
-from mecazen_viewer import covariance, plots, senses, things
-from mecazen_viewer import entities as e
-from mecazen_viewer.components import transform
-from mecazen_viewer.entities import Entity
-from mecazen_viewer.health import Health
+from mecazen_viewer import layout, panels, scene, senses
+from mecazen_viewer.layout import path_of_robot
+from mecazen_viewer.panels import StatusText
 from mecazen_viewer.robot import RobotModel
-from mecazen_viewer.track import PoseSeries
-from mecazen_viewer.walking import WalkingBody
 
 OBSERVATIONS = 25
 """Number of observations shown: 1 s of the default sensor."""
@@ -32,236 +32,318 @@ PLOT_STEP_NS = 100_000_000
 """Period of plots, estimates and observations; moving bodies are drawn with every message."""
 SILENCE_NS = 5 * PLOT_STEP_NS
 """Silence after which a follower is assumed to publish no state."""
+HISTORY_NS = 8 * 10**9
+TRAIL_NS = 60 * 10**9
+TRAIL_STEP_NS = 200_000_000
+"""Time between two points of a trail, which has up to 300 points [ns]."""
+JUMP_M = 1.0
+"""A larger distance between two points of a trail is a jump and starts a new trail [m]."""
 
 
-def surroundings(scenario: Scenario) -> Iterator[Entity]:
-    """Return the static entities that all robots share."""
-    yield e.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    for number, solid in enumerate(scenario.world.solids):
-        (x, y), yaw = solid.position_m, math.radians(getattr(solid, "yaw_deg", 0.0))
-        bottom = getattr(solid, "bottom_m", 0.0)
-        yield things.obstacle(number, solid.size_m, Pose2D(x, y, yaw), bottom)
-    for number, ridge in enumerate(scenario.world.ridges):
-        yield things.ridge(number, ridge)
-    for number, patch in enumerate(scenario.world.patches):
-        place = Pose2D(*patch.position_m, math.radians(patch.yaw_deg))
-        yield things.patch(number, patch.size_m, place)
-    if CROWD in scenario.services:
-        yield e.PEOPLE, rr.LineStrips3D.from_fields(colors=[e.GREY], radii=senses.BONE_RADIUS)
-    yield from plots.styles(plots.TIME_LINES)
+class PoseTrail:
+    """Planar poses of one body by simulated time, and its way in the last minute."""
+
+    def __init__(self) -> None:
+        self._poses = PoseHistory(HISTORY_NS)
+        self._points: deque[tuple[int, float, float]] = deque()
+        self.newest: Pose2D | None = None
+
+    def add(self, time_ns: int, pose: Pose2D) -> bool:
+        """Add a pose; return whether the trail has a new point."""
+        self._poses.add(time_ns, pose)
+        self.newest = pose
+        if self._points and time_ns - self._points[-1][0] < TRAIL_STEP_NS:
+            return False
+        if self._points and pose.distance(Pose2D(*self._points[-1][1:])) > JUMP_M:
+            self._points.clear()
+        self._points.append((time_ns, pose.x, pose.y))
+        while time_ns - self._points[0][0] > TRAIL_NS:
+            self._points.popleft()
+        return True
+
+    @property
+    def points(self) -> Floats:
+        """The points (N, 2) [m] of the last 60 s."""
+        return np.array([point[1:] for point in self._points])
+
+    def at(self, time_ns: int) -> Pose2D | None:
+        """Return the pose at a time, or the pose nearest in time; None without any pose."""
+        if self.newest is None:
+            return None
+        oldest_ns, newest_ns = self._poses.span_ns
+        return self._poses.at(min(max(time_ns, oldest_ns), newest_ns))
 
 
 class Picture:
-    """The entities of one namespace, usually that of one robot, in one run.
+    """The entities of one robot in the recording of a run; without a name, those of all robots.
 
-    Each method takes a message and the time of its tick [ns], and returns the entities that
-    change. All raise RefusedError if a message can't be drawn. `scenario` is that of the robot's
-    services, `health` is shared by all namespaces. Paths do not contain the name of the `robot`.
+    Each method `on_...` draws a message at the time of its tick [ns]. It raises RefusedError if the
+    message can't be drawn. `scenario` is that of the robot's services; all pictures of a run share
+    `texts`.
     """
 
-    def __init__(self, scenario: Scenario, health: Health, robot: str = "") -> None:
-        self._scenario, self._health, self._name = scenario, health, robot
-        self._robot, self._odom, self._person = PoseSeries(), PoseSeries(), PoseSeries()
+    def __init__(
+        self, recording: rr.RecordingStream, scenario: Scenario, texts: StatusText, name: str = ""
+    ) -> None:
+        self._recording, self._scenario, self._texts, self._name = recording, scenario, texts, name
+        self._robot, self._odom, self._person = PoseTrail(), PoseTrail(), PoseTrail()
         self._model: RobotModel | None = None
-        self._seen: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
+        self._observations: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
         self._grid: tuple[int, int] | None = None
-        self._centre: tuple[int, int] | None = None
-        self._shown_ns: dict[str, int] = {}
+        self._drawn_ns: dict[str, int] = {}
         self._standoff = scenario.follower.standoff
         self._has_skeleton = "skeleton" in scenario.sensor.features
-        self._body: WalkingBody | None = None
-        person, base = scenario.world.person, scenario.robot.base
-        self._unplaced = things.marks(base.length_m, base.width_m, person.height_m)
-        self._placed: list[Entity] = []
+        self._walker: Walker | None = None
+        self._walked_ns = -math.inf
+        base = scenario.robot.base
+        self._unplaced = scene.marks((base.length_m, base.width_m), scenario.world.person.height_m)
 
-    def shapes(self) -> Iterator[Entity]:
-        """Return the static entities that belong to the robot, without its body."""
-        yield from things.styles()
-        yield from senses.styles(self._scenario.world.person.height_m)
+    def begin(self) -> None:
+        """Draw all that stays in place on the robot, without its body, and the styles."""
+        statics = [
+            *scene.styles(),
+            *senses.styles(self._scenario.world.person.height_m),
+            *panels.line_styles(panels.ROBOT_PLOTS),
+        ]
         if {"tracker", "depth"} & self._scenario.sensor.features:
-            yield senses.frustum(self._scenario.robot.camera, self._scenario.sensors.tracker)
+            view = senses.frustum(self._scenario.robot.camera, self._scenario.sensors.tracker)
+            statics.append((layout.FRUSTUM, view))
         if self._name:
-            yield things.label(self._name)
-        yield from plots.styles(plots.LINES)
+            statics.append(scene.label(self._name))
+        for path, shape in statics:
+            self._log(path, shape, static=True)
 
-    def robot_shapes(self, description: RobotDescription) -> list[Entity]:
-        """Return the static entities of the robot's body."""
+    def draw_robot(self, description: RobotDescription) -> None:
+        """Draw the robot's body, whose wheels and rollers then turn with the joint states."""
         self._model = RobotModel(read(description.urdf), description.meshes)
-        return self._model.shapes
+        for path, shape in self._model.shapes:
+            self._log(path, shape, static=True)
 
-    def on_ground_truth(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
-        """Move the robot and the view that follows it."""
+    def on_ground_truth(self, odom: m.Odometry, time_ns: int) -> None:
+        """Move the robot, the view that follows it, and the grid below."""
         pose, p, q = _planar(odom), odom.pose.pose.position, odom.pose.pose.orientation
-        place, turn = np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w])
-        if max(np.abs(place).max(), np.abs(turn).max()) > FARTHEST_M:
+        position, turn = np.array((p.x, p.y, p.z)), np.array((q.x, q.y, q.z, q.w))
+        if max(np.abs(position).max(), np.abs(turn).max()) > FARTHEST_M:
             raise RefusedError(f"pose out of range: {odom.pose.pose}")
-        yield e.ROBOT, transform(place, turn)
-        self._centre = things.grid_centre(pose)
-        other = self._person.newest or pose  # the view is centred between both
-        middle = Pose2D((pose.x + other.x) / 2.0, (pose.y + other.y) / 2.0)
-        yield things.frame(e.FOLLOW, middle)
-        if self._robot.add(time_ns, pose):
-            yield things.trail("robot", self._robot.trail)
+        self._log(layout.ROBOT, scene.frame(position, turn))
+        person = self._person.newest or pose
+        middle = Pose2D((pose.x + person.x) / 2.0, (pose.y + person.y) / 2.0)
+        self._log(layout.FOLLOW, scene.planar_frame(middle))
+        self._extend_trail("robot", self._robot, time_ns, pose)
+        centre = scene.grid_centre(pose)
+        if centre != self._grid:
+            self._grid = centre
+            self._log(layout.GROUND, scene.ground(centre), static=True)
 
-    def on_joint_states(self, joints: m.JointState, time_ns: int) -> Iterator[Entity]:
+    def on_joint_states(self, joints: m.JointState, time_ns: int) -> None:
         """Turn the wheels and rollers."""
         if self._model is not None:
-            yield from self._model.pose(joints)
-        if len(joints.velocity) >= len(WHEELS) and self._is_due(e.WHEEL_SPEED, time_ns):
-            yield plots.wheel_speeds("measured", joints.velocity[: len(WHEELS)])
+            for path, poses in self._model.pose(joints):
+                self._log(path, poses)
+        if len(joints.velocity) >= len(WHEELS) and self._is_due(layout.WHEEL_SPEED, time_ns):
+            self._plot(f"{layout.WHEEL_SPEED}/measured", *joints.velocity[: len(WHEELS)])
 
-    def on_joint_command(self, joints: m.JointState, time_ns: int) -> Iterator[Entity]:
+    def on_joint_command(self, joints: m.JointState, time_ns: int) -> None:
         """Plot the commanded wheel speeds; a command of efforts has none."""
         speeds = dict(zip(joints.name, joints.velocity, strict=False))
         names = self._scenario.robot.wheels.joints
         if speeds.keys() >= set(names) and self._is_due("commanded wheels", time_ns):
-            yield plots.wheel_speeds("commanded", (speeds[name] for name in names))
+            self._plot(f"{layout.WHEEL_SPEED}/commanded", *(speeds[name] for name in names))
 
-    def on_odom(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
+    def on_odom(self, odom: m.Odometry, time_ns: int) -> None:
         """Place the odom frame so that odometry and ground truth coincide."""
         pose = _planar(odom)
-        if self._odom.add(time_ns, pose):
-            yield things.trail("odometry", self._odom.trail)
-        if self._is_due(e.ODOM, time_ns):
+        self._extend_trail("odometry", self._odom, time_ns, pose)
+        if self._is_due(layout.ODOM, time_ns):
             if (truth := self._robot.at(time_ns)) is not None:
-                yield things.frame(e.ODOM, truth.compose(pose.between(Pose2D())))
-            yield from plots.velocity("measured", odom.twist.twist.to_planar())
+                frame = truth.compose(pose.between(Pose2D()))
+                self._log(layout.ODOM, scene.planar_frame(frame))
+            self._plot_velocity("measured", odom.twist.twist.to_planar())
 
-    def on_target_odom(self, odom: m.Odometry, time_ns: int) -> Iterator[Entity]:
+    def on_target_odom(self, odom: m.Odometry, time_ns: int) -> None:
         """Move the person; the body is animated if no service publishes its joints."""
         pose = _planar(odom)
-        yield self._place(things.frame(e.PERSON, pose))
+        self._place(layout.PERSON, scene.planar_frame(pose))
         if not self._has_skeleton:
-            self._body = self._body or WalkingBody(self._scenario.world.person.height_m)
-            yield senses.limbs(self._body.walk(pose, odom.twist.twist.to_planar(), time_ns))
-        if self._person.add(time_ns, pose):
-            yield things.trail("person", self._person.trail)
+            self._walk(Motion(pose, odom.twist.twist.to_planar()), time_ns)
+        self._extend_trail("person", self._person, time_ns, pose)
         # a follower that publishes its state has the errors plotted with it
-        reports = time_ns - self._shown_ns.get(e.ESTIMATE, -SILENCE_NS) < SILENCE_NS
-        if reports or not self._is_due("true errors", time_ns):
-            return
-        if (robot := self._robot.at(time_ns)) is not None:
-            yield from plots.errors(self._standoff, pose.between(robot))
+        reports = time_ns - self._drawn_ns.get(layout.ESTIMATE, -SILENCE_NS) < SILENCE_NS
+        if not reports and self._is_due("true errors", time_ns):
+            robot = self._robot.at(time_ns)
+            if robot is not None:
+                self._plot_errors(self._standoff, pose.between(robot))
 
-    def on_people(self, people: m.People, time_ns: int) -> Iterator[Entity]:
+    def on_people(self, people: m.People, time_ns: int) -> None:
         """Move the people whom no robot follows."""
         del time_ns
         followed = {name or "target" for name in self._scenario.names}
-        yield senses.people([one for one in people.persons if one.id not in followed])
+        strangers = [person for person in people.persons if person.id not in followed]
+        self._log(layout.PEOPLE, senses.people(strangers))
 
-    def on_skeleton(self, skeleton: m.Skeleton, time_ns: int) -> Iterator[Entity]:
+    def on_skeleton(self, skeleton: m.Skeleton, time_ns: int) -> None:
         """Move the person's limbs."""
         del time_ns
-        yield senses.body(skeleton)
+        self._log(layout.BODY, senses.body(senses.joints_of(skeleton)))
 
-    def on_skeletons(self, frame: m.Skeletons, time_ns: int) -> Iterator[Entity]:
+    def on_skeletons(self, frame: m.Skeletons, time_ns: int) -> None:
         """Show the detected bones, transformed with the robot's pose at their capture."""
         del time_ns
         robot = self._robot.at(frame.header.stamp.ns)
         if robot is not None:
-            yield senses.skeletons(frame.skeletons, robot)
+            self._log(layout.SKELETON, senses.skeletons(frame.skeletons, robot))
 
-    def on_scan(self, scan: m.LaserScan, time_ns: int) -> Iterator[Entity]:
+    def on_scan(self, scan: m.LaserScan, time_ns: int) -> None:
         """Show the points of a scan."""
         del time_ns
         robot = self._robot.at(scan.header.stamp.ns)
         if robot is not None:
-            yield senses.scan(scan, self._scenario.robot.lidar.position_m, robot)
+            lidar = self._scenario.robot.lidar.position_m
+            self._log(layout.SCAN, senses.scan(scan, lidar, robot))
 
-    def on_depth(self, image: m.Image, time_ns: int) -> Iterator[Entity]:
+    def on_depth(self, image: m.Image, time_ns: int) -> None:
         """Show the depth picture."""
         del time_ns
-        yield senses.depth(image)
+        self._log(layout.DEPTH, senses.depth(image))
 
-    def on_observation(self, frame: m.Observation, time_ns: int) -> Iterator[Entity]:
+    def on_observation(self, frame: m.Observation, time_ns: int) -> None:
         """Show the observation, transformed with the robot's pose at its capture."""
-        seen = self._in_world(frame) if frame.poses else None
-        if seen is not None:
-            self._seen.append(seen)
-        elif self._seen:
-            self._seen.popleft()
-        if not self._is_due(e.OBSERVATION, time_ns):
+        observation = self._in_world(frame) if frame.poses else None
+        if observation is not None:
+            self._observations.append(observation)
+        elif self._observations:
+            self._observations.popleft()
+        if not self._is_due(layout.OBSERVATION, time_ns):
             return
-        yield things.points(np.array([pose[:2] for pose in self._seen]).reshape(-1, 2))
-        if not self._seen:
-            return
-        axes = None
-        if seen is not None:
-            spread = covariance.planar(frame.poses[0].covariance)
-            axes = None if spread is None else covariance.ellipse_axes(spread, seen.yaw)
-        x, y, _ = self._seen[-1]
-        yield self._place(things.ellipse(e.OBSERVATION_ELLIPSE, x, y, axes))
+        points = np.array([pose[:2] for pose in self._observations]).reshape(-1, 2)
+        self._log(layout.OBSERVATION, scene.points(points))
+        if self._observations:
+            x, y, yaw = self._observations[-1]
+            covariance = None
+            if observation is not None:
+                covariance = scene.drawable_covariance(frame.poses[0].covariance)
+            self._place(layout.OBSERVATION_ELLIPSE, scene.ellipse(x, y, covariance, yaw))
 
-    def on_follower_state(self, state: m.FollowerState, time_ns: int) -> Iterator[Entity]:
+    def on_follower_state(self, state: m.FollowerState, time_ns: int) -> None:
         """Show estimate and goal, and plot the errors of robot and estimate."""
-        yield from self._health.tracking(state.tracking, self._name)
-        if not (state.estimate and state.goal and self._is_due(e.ESTIMATE, time_ns)):
+        for path, line in self._texts.tracking(state, self._name):
+            self._log(path, line)
+        if not (state.estimate and state.goal and self._is_due(layout.ESTIMATE, time_ns)):
             return
         person, goal = _planar(state.estimate[0]), _in_range(state.goal[0].to_planar())
-        spread = covariance.planar(state.estimate[0].pose.covariance)
-        axes = None if spread is None else covariance.ellipse_axes(spread)
-        yield self._place(things.frame(e.ESTIMATE, person))
-        yield self._place(things.ellipse(e.ESTIMATE_ELLIPSE, person.x, person.y, axes))
-        yield self._place(things.frame(e.GOAL, goal))
+        covariance = scene.drawable_covariance(state.estimate[0].pose.covariance)
+        self._place(layout.ESTIMATE, scene.planar_frame(person))
+        self._place(layout.ESTIMATE_ELLIPSE, scene.ellipse(person.x, person.y, covariance))
+        self._place(layout.GOAL, scene.planar_frame(goal))
         robot, truth = self._robot.at(time_ns), self._person.at(time_ns)
-        seen = None if robot is None or truth is None else truth.between(robot)
-        wanted = person.between(goal)
-        distance, bearing = math.hypot(wanted.x, wanted.y), math.atan2(wanted.y, wanted.x)
-        standoff = Standoff(distance, bearing, wanted.yaw)
-        yield from plots.errors(standoff, seen, state.distance_error, state.heading_error)
+        actual = None if robot is None or truth is None else truth.between(robot)
+        x, y, heading = person.between(goal)
+        standoff = Standoff(math.hypot(x, y), math.atan2(y, x), heading)
+        self._plot_errors(standoff, actual, state.distance_error, state.heading_error)
         odom = self._odom.at(time_ns)
-        if seen is not None and odom is not None and spread is not None:
-            in_odom = odom.compose(seen.between(Pose2D()))
-            yield plots.consistency(covariance.nees(person, in_odom, spread))
+        if actual is not None and odom is not None and covariance is not None:
+            truth_in_odom = odom.compose(actual.between(Pose2D()))
+            score = nees(person, truth_in_odom, covariance)
+            self._plot(layout.NEES, *panels.GOOD_NEES, score)
 
-    def on_guard_state(self, state: m.GuardState, time_ns: int) -> Iterator[Entity]:
+    def on_guard_state(self, state: m.GuardState, time_ns: int) -> None:
         """Log changes of the guard's state."""
         del time_ns
-        yield from self._health.guard(state, self._name)
+        for path, line in self._texts.guard(state, self._name):
+            self._log(path, line)
 
-    def on_cmd_vel(self, twist: m.Twist, time_ns: int) -> Iterator[Entity]:
+    def on_cmd_vel(self, twist: m.Twist, time_ns: int) -> None:
         """Plot the commanded velocity."""
         if self._is_due("commanded", time_ns):
-            yield from plots.velocity("commanded", twist.to_planar())
+            self._plot_velocity("commanded", twist.to_planar())
 
-    def on_diagnostics(
-        self, report: m.DiagnosticArray, time_ns: int, service: str
-    ) -> Iterator[Entity]:
+    def on_diagnostics(self, report: m.DiagnosticArray, time_ns: int, service: str) -> None:
         """Show the health of a service, and plot the real-time factor from physics."""
         del time_ns
-        yield from self._health.diagnostics(service, report, self._name)
+        for path, text in self._texts.diagnostics(service, report, self._name):
+            self._log(path, text)
         for status in report.status:
             for pair in status.values:
                 if service in WORLDS and pair.key == "rtf":
-                    yield plots.real_time(_number(pair.value))
+                    factor = _number(pair.value)
+                    self._plot(layout.REAL_TIME, *panels.REAL_TIME_LEVELS, factor)
 
-    def statics(self) -> Iterator[Entity]:
-        """Return the shapes of newly placed frames, and the grid if it moved."""
-        yield from self._placed
-        self._placed.clear()
-        if self._centre is not None and self._centre != self._grid:
-            self._grid = self._centre
-            yield things.ground(self._grid)
+    def _log(self, path: str, archetype: rr.AsComponents, *, static: bool = False) -> None:
+        self._recording.log(path_of_robot(path, self._name), archetype, static=static)
 
-    def _place(self, frame: Entity) -> Entity:
-        """Return a frame, and queue its shapes if they are not drawn yet."""
-        self._placed += self._unplaced.pop(frame[0], ())
-        return frame
+    def _place(self, path: str, frame: rr.Transform3D) -> None:
+        """Move a frame; its marks are drawn when it has its first place."""
+        self._log(path, frame)
+        for name, shape in self._unplaced.pop(path, {}).items():
+            self._log(f"{path}/{name}", shape, static=True)
 
-    def _is_due(self, what: str, time_ns: int) -> bool:
+    def _extend_trail(self, name: str, trail: PoseTrail, time_ns: int, pose: Pose2D) -> None:
+        if trail.add(time_ns, pose):
+            self._log(f"{layout.TRAILS}/{name}", scene.trail(trail.points))
+
+    def _walk(self, motion: Motion, time_ns: int) -> None:
+        """Let the person's body walk to the pose of a motion."""
+        if self._walker is None:
+            self._walker = _walker(self._scenario.world.person.height_m).twin()
+        gap_s, self._walked_ns = (time_ns - self._walked_ns) / 1e9, time_ns
+        self._log(layout.BODY, senses.body(self._walker.follow(motion, gap_s).joints))
+
+    def _plot(self, path: str, *values: float) -> None:
+        self._log(path, rr.Scalars(np.array(values)))
+
+    def _plot_velocity(self, source: str, twist: Twist2D) -> None:
+        self._plot(f"{layout.VELOCITY}/{source}", twist.x, twist.y)
+        self._plot(f"{layout.YAW_RATE}/{source}", twist.yaw)
+
+    def _plot_errors(
+        self,
+        standoff: Standoff,
+        robot: Pose2D | None,
+        distance_error: float = math.nan,
+        heading_error: float = math.nan,
+    ) -> None:
+        """Plot the errors of distance [m] and heading [rad], true and as the follower estimates.
+
+        `robot` is the robot's true pose in the person's frame, None if unknown.
+        """
+        distance = angle = math.nan
+        if robot is not None:
+            distance = math.hypot(robot.x, robot.y) - standoff.distance
+            angle = wrap(robot.yaw - standoff.heading)
+        self._plot(layout.DISTANCE, *panels.DISTANCE_BAND_M, distance_error, distance)
+        angles = math.degrees(heading_error), math.degrees(angle)
+        self._plot(layout.ANGLE, *panels.ANGLE_BAND_DEG, *angles)
+
+    def _is_due(self, entity: str, time_ns: int) -> bool:
         """Return whether an entity limited to ten times a second is due."""
-        if time_ns - self._shown_ns.get(what, -PLOT_STEP_NS) < PLOT_STEP_NS:
+        if time_ns - self._drawn_ns.get(entity, -PLOT_STEP_NS) < PLOT_STEP_NS:
             return False
-        self._shown_ns[what] = time_ns
+        self._drawn_ns[entity] = time_ns
         return True
 
     def _in_world(self, frame: m.Observation) -> Pose2D | None:
         """Return the observed position in world, with the yaw of the observation's frame."""
-        seen = _in_range(frame.poses[0].pose.to_planar())
+        observation = _in_range(frame.poses[0].pose.to_planar())
         if frame.header.frame_id not in ("base_link", self._scenario.controller.base_frame_id):
-            return seen._replace(yaw=0.0)
+            return observation._replace(yaw=0.0)
         robot = self._robot.at(frame.header.stamp.ns)
-        return None if robot is None else robot.compose(seen)._replace(yaw=robot.yaw)
+        return None if robot is None else robot.compose(observation)._replace(yaw=robot.yaw)
+
+
+def nees(estimate: Pose2D, truth: Pose2D, covariance: Floats) -> float:
+    """Return the normalised estimation error squared, eᵀ·P⁻¹·e over (x, y, yaw).
+
+    A consistent filter has a mean of 3 and 95 % below 7.815 (Y. Bar-Shalom,
+    X. R. Li, T. Kirubarajan, Estimation with Applications to Tracking and Navigation, 5.4).
+    """
+    error = np.array([estimate.x - truth.x, estimate.y - truth.y, wrap(estimate.yaw - truth.yaw)])
+    return float(error @ np.linalg.solve(covariance, error))
+
+
+@cache
+def _walker(height_m: float) -> Walker:
+    """Return the walker whose gait all bodies of a height share: computing a gait takes 0.2 s."""
+    return Walker(Body(height_m=height_m))
 
 
 def _planar(odom: m.Odometry) -> Pose2D:

@@ -1,4 +1,4 @@
-"""Rerun's program as a child process: server, viewer, screenshots.
+"""Rerun's program as a child process: server, window, viewer without a window.
 
 Rerun's SDK could serve from this process, but it serves its web page only on all interfaces.
 """
@@ -19,15 +19,12 @@ from urllib.parse import urlencode
 import rerun_cli
 from mecazen.bus import ports
 from mecazen.bus.ports import LOOPBACK
+from mecazen.config import ViewerConfig
 from mecazen.errors import MecazenError
 from rerun.experimental import ViewerClient
 
 PROGRAM = Path(rerun_cli.__file__).with_name("rerun")
 """The executable; terminating its Python wrapper would leave it running."""
-SERVES, SHOWS, HEADLESS = "Hosting a web-viewer", "wgpu adapter", "Headless viewer running"
-"""Log lines that show that Rerun serves, that its window is open, and that it runs headless."""
-WINDOW = "--port=auto", "--hide-welcome-screen"
-"""Arguments for a window that does not download examples."""
 STOP_TIMEOUT_S = 3.0
 PR_SET_PDEATHSIG = 1
 
@@ -37,7 +34,7 @@ class RerunError(MecazenError):
 
 
 class RerunProcess:
-    """Rerun's program, started once its log contains `ready`.
+    """Rerun's program, which has started once a line of its log contains `ready`.
 
     Raises:
         RerunError: The program ended before that.
@@ -98,6 +95,39 @@ class RerunProcess:
             yield line
 
 
+class RerunServer(RerunProcess):
+    """A server of data to any number of viewers, and of a web page that shows them.
+
+    Raises:
+        RerunError: A port is taken, or Rerun can't listen on the address.
+    """
+
+    def __init__(self, config: ViewerConfig, *arguments: str) -> None:
+        data_port = free_port("viewer.data_port", config.data_port)
+        web_port = free_port("viewer.web_port", config.web_port)
+        listening = f"--port={data_port}", f"--web-viewer-port={web_port}"
+        super().__init__(
+            *("--serve-web", *listening, *arguments),
+            ready="Hosting a web-viewer",
+            bind=config.listen,
+        )
+        self.uri = uri(data_port)
+        """URI to which native viewers connect."""
+        # the welcome screen would load examples from Rerun's site
+        query = urlencode({"url": self.uri})
+        self.url = f"http://{LOOPBACK}:{web_port}/?{query}&hide_welcome_screen"
+        """Address of the web page."""
+
+
+def open_window(*sources: str) -> RerunProcess:
+    """Open Rerun's own window, which shows files or the data of `--connect=URI`.
+
+    Raises:
+        RerunError: There is no display.
+    """
+    return RerunProcess("--port=auto", "--hide-welcome-screen", *sources, ready="wgpu adapter")
+
+
 @contextmanager
 def headless_viewer(width: int = 1920, height: int = 1080) -> Iterator[ViewerClient]:
     """Run a viewer without a window of `width` x `height` pixels, for screenshots and tests.
@@ -107,35 +137,29 @@ def headless_viewer(width: int = 1920, height: int = 1080) -> Iterator[ViewerCli
             mesa-vulkan-drivers renders in software).
     """
     port = free_port("port", 0)
-    size = f"--window-size={width}x{height}", "--hide-welcome-screen"
-    with closing(RerunProcess("--headless", f"--port={port}", *size, ready=HEADLESS)):
+    options = f"--port={port}", f"--window-size={width}x{height}", "--hide-welcome-screen"
+    with closing(RerunProcess("--headless", *options, ready="Headless viewer running")):
         yield ViewerClient.connect(uri(port))
 
 
-def free_port(key: str, wanted: int) -> int:
-    """Return `wanted` if that port is free, or any free port for 0.
+def free_port(key: str, port: int) -> int:
+    """Return `port` if it is free, or any free port for 0.
 
     Raises:
         RerunError: The port is taken; the message names `key`.
     """
-    if not wanted:
+    if not port:
         return ports.free_port()
     try:
-        with socket.create_server((LOOPBACK, wanted)):
-            return wanted
+        with socket.create_server((LOOPBACK, port)):
+            return port
     except OSError as error:
         reason = os.strerror(error.errno or 0).lower()
         raise RerunError(
-            f"{key} = {wanted}: {reason}; another viewer? (--set {key}=0 takes a free port)"
+            f"{key} = {port}: {reason}; another viewer? (--set {key}=0 takes a free port)"
         ) from None
 
 
 def uri(port: int) -> str:
     """Return the URI of the data of a server."""
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
-
-
-def page(port: int, server: str) -> str:
-    """Return the address of the web page that shows the data of the server at a URI."""
-    # the welcome screen would load examples from Rerun's site
-    return f"http://{LOOPBACK}:{port}/?{urlencode({'url': server})}&hide_welcome_screen"

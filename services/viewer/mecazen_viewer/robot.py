@@ -1,6 +1,6 @@
 """The robot from its URDF: static shapes, and poses of moving links from joint states.
 
-Equal shapes, such as the rollers, are instances of one entity; see docs/viewer.md.
+Equal shapes, such as the rollers, are instances of one entity.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from mecazen.messages import JointState
 from mecazen.portable import Floats
 from mecazen.urdf import Joint, Origin, Urdf, Visual
 
-from mecazen_viewer import entities as e
-from mecazen_viewer.components import Components, instances
-from mecazen_viewer.entities import Entity
+from mecazen_viewer import layout
+from mecazen_viewer.layout import Entity
 
 Singles = npt.NDArray[np.float32]
 
@@ -49,12 +48,14 @@ class RobotModel:
             depth.append(depth[parent] + 1)
             turns.append(turns[parent] or joint.axis is not None)
         self._levels = [np.flatnonzero(np.array(depth) == d) for d in range(1, max(depth) + 1)]
-        self._places = np.array([(0.0, 0.0, 0.0), *(joint.origin.xyz for joint in joints)])
-        self._turns = quaternions_of_rpy([(0.0, 0.0, 0.0), *(joint.origin.rpy for joint in joints)])
+        self._positions = np.array([(0.0, 0.0, 0.0), *(joint.origin.xyz for joint in joints)])
+        self._rotations = quaternions_of_rpy(
+            [(0.0, 0.0, 0.0), *(joint.origin.rpy for joint in joints)]
+        )
         axes = np.array([(0.0, 0.0, 0.0), *(joint.axis or (0.0, 0.0, 0.0) for joint in joints)])
         # the rotation at angle a is cos(a/2) times that at 0 plus sin(a/2) times that at pi
-        self._half_turned = chain(
-            self._turns, quaternions_about(axes, np.full(len(links), math.pi))
+        self._half_turn_rotations = chain(
+            self._rotations, quaternions_about(axes, np.full(len(links), math.pi))
         )
         turning = [joint for joint in joints if joint.axis is not None]
         self._turning = [number[joint.child] for joint in turning]
@@ -62,22 +63,22 @@ class RobotModel:
         self._names: tuple[str, ...] = ()
         self._states: list[int] | None = None
 
-        alike = defaultdict(list)
+        same_shape = defaultdict(list)
         for index, link in enumerate(links):
             if link in urdf.visuals:
-                alike[urdf.visuals[link], turns[index]].append(index)
+                same_shape[urdf.visuals[link], turns[index]].append(index)
         self.shapes: list[Entity] = []
         """The static entities."""
         self._moving: list[tuple[str, Visual, list[int]]] = []
-        places, rotations = self._frames(np.zeros(len(links)))
-        names = _names([[links[index] for index in which] for which in alike.values()])
-        for name, ((visual, moves), which) in zip(names, alike.items(), strict=True):
-            path = f"{e.ROBOT}/{name}"
+        positions, rotations = self._frames(np.zeros(len(links)))
+        names = _names([[links[index] for index in which] for which in same_shape.values()])
+        for name, ((visual, moves), which) in zip(names, same_shape.items(), strict=True):
+            path = f"{layout.ROBOT}/{name}"
             self.shapes.append((path, _shape(visual, meshes)))
             if moves:
                 self._moving.append((path, visual, which))
             else:
-                self.shapes.append((path, _placed(visual, places[which], rotations[which])))
+                self.shapes.append((path, _placed(visual, positions[which], rotations[which])))
 
     def pose(self, states: JointState) -> Iterator[Entity]:
         """Return the moving shapes; nothing if a joint of this robot is not among the states."""
@@ -88,23 +89,23 @@ class RobotModel:
             self._states = [order[name] for name in self._joints] if known else None
         if self._states is None or len(states.position) != len(states.name):
             return
-        angles = np.zeros(len(self._places))
+        angles = np.zeros(len(self._positions))
         # wrapped, since single precision is too coarse after many turns
         angles[self._turning] = np.remainder(np.array(states.position)[self._states], math.tau)
-        places, rotations = self._frames(angles)
+        positions, rotations = self._frames(angles)
         for path, visual, which in self._moving:
-            yield path, _placed(visual, places[which], rotations[which])
+            yield path, _placed(visual, positions[which], rotations[which])
 
     def _frames(self, angles: Floats) -> tuple[Floats, Floats]:
         """Return positions (N, 3) [m] and rotations (N, 4) of all links at angles (N,) [rad]."""
         half = angles[:, np.newaxis] / 2.0
-        rotations = np.cos(half) * self._turns + np.sin(half) * self._half_turned
-        places = self._places.copy()
+        rotations = np.cos(half) * self._rotations + np.sin(half) * self._half_turn_rotations
+        positions = self._positions.copy()
         for level in self._levels[1:]:
             parents = self._parents[level]
-            places[level] = places[parents] + turn(rotations[parents], places[level])
+            positions[level] = positions[parents] + turn(rotations[parents], positions[level])
             rotations[level] = chain(rotations[parents], rotations[level])
-        return places, rotations
+        return positions, rotations
 
 
 def _tree(urdf: Urdf) -> tuple[str, list[Joint]]:
@@ -136,12 +137,15 @@ def _names(groups: Sequence[Sequence[str]]) -> Iterator[str]:
         yield name if taken[name] == 1 else f"{name}_{taken[name]}"
 
 
-def _placed(visual: Visual, places: Floats, rotations: Floats) -> Components:
+def _placed(visual: Visual, positions: Floats, rotations: Floats) -> rr.AsComponents:
     """Return the poses of a visual on links at positions (N, 3) [m] and rotations (N, 4)."""
     if visual.origin != Origin():
-        places = places + turn(rotations, np.broadcast_to(visual.origin.xyz, places.shape))
+        positions = positions + turn(rotations, np.broadcast_to(visual.origin.xyz, positions.shape))
         rotations = chain(rotations, quaternions_of_rpy(visual.origin.rpy))
-    return instances(visual.kind, places, rotations)
+    if visual.kind == "mesh":
+        return rr.InstancePoses3D(translations=positions, quaternions=rotations)
+    archetype = rr.Boxes3D if visual.kind == "box" else rr.Cylinders3D
+    return archetype.from_fields(centers=positions, quaternions=rotations)
 
 
 def _shape(visual: Visual, meshes: Mapping[str, bytes]) -> rr.AsComponents:

@@ -1,33 +1,35 @@
-"""The viewer: draws all published samples, and serves the pictures."""
+"""The viewer: draws all published samples, and serves or stores the pictures."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable
+from contextlib import ExitStack, closing, suppress
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import chain, dropwhile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rerun as rr
 import rerun_bindings
 from mecazen import keys
-from mecazen.bus import Bus
+from mecazen.bus import Bus, LocalBus
 from mecazen.config import Scenario
-from mecazen.errors import BusError, MecazenError, RefusedError
+from mecazen.errors import BusError, ConfigError, MecazenError, RefusedError
 from mecazen.keys import Topic
 from mecazen.messages import MessageT
 from mecazen.robots import join_key
 from mecazen.runtime.observer import Observer
-from mecazen.urdf import ask_description
+from mecazen.urdf import ask_description, serve_description
 from mecazen.wire import NS_PER_S, Stamp
 
-from mecazen_viewer.entities import TIMELINE, Entity, of_robot
-from mecazen_viewer.health import Health
-from mecazen_viewer.layout import application, blueprint
-from mecazen_viewer.picture import Picture, surroundings
-from mecazen_viewer.server import serving
+from mecazen_viewer.layout import TIMELINE, application, blueprint
+from mecazen_viewer.panels import StatusText
+from mecazen_viewer.picture import Picture
+from mecazen_viewer.rerun_process import RerunError, RerunServer, open_window
+from mecazen_viewer.scene import surroundings
 
 if TYPE_CHECKING:
     from rerun.notebook import Viewer
@@ -39,6 +41,11 @@ FRAME_NS = round(FRAME_S * NS_PER_S)
 BATCH_S = 0.1
 """Period of sending logged data: a batch costs as much as a few frames."""
 DESCRIPTION_TIMEOUT_S = 2.0
+MEMORY_LIMIT = "32MiB"
+"""Size of the history for viewers that connect late: some minutes; the oldest data is dropped
+first."""
+SECTIONS = ("physics", "follower")
+"""Sections of a recorded scenario that the scene needs."""
 
 
 class ViewerService(Observer):
@@ -49,10 +56,12 @@ class ViewerService(Observer):
         self.runs = 0
         self.send: Callable[[rr.RecordingStream], None] | None = None
         """Function that is called with the recording of each run before any data is logged. If it
-        is None, the recording is kept in memory for `widget`, at the rate of a live picture."""
+        is None, the recording is kept in memory for `widget`."""
         self.recording: rr.RecordingStream | None = None
-        self.logged_ns = -1
-        self._shown: dict[str, int] = {}
+        self._is_live = False
+        """Whether the bus drops samples that are older than a frame; if not, `show` does."""
+        self._shown_ns: dict[str, int] = {}
+        self._pictures: dict[str, Picture] = {}
         super().__init__(name, bus, scenario)
         self.reset(scenario.seed)
         for robot in scenario.names:
@@ -75,20 +84,23 @@ class ViewerService(Observer):
             self.show(robot, keys.diagnostics(part), draw)
 
     def reset(self, seed: int) -> None:
-        """Begin new pictures: one for each robot, and one for shared entities."""
+        """End the recording of the last run."""
         del seed
         self.end()
-        self._shown.clear()
-        scenario, health = self.scenario, Health()
-        self.pictures = {
-            robot: Picture(scenario.of(robot) if robot else scenario, health, robot)
-            for robot in dict.fromkeys(("", *scenario.names))
-        }
+        self._shown_ns.clear()
 
     def run(self) -> None:
         """Show the newest samples, 30 times a second."""
-        with serving(self.config, blueprint(self.scenario.names)) as server:
-            self.send = server.take
+        with ExitStack() as programs:
+            server = RerunServer(self.config, f"--server-memory-limit={MEMORY_LIMIT}")
+            programs.enter_context(closing(server))
+            if self.config.native:
+                try:
+                    window = open_window(f"--connect={server.uri}")
+                    programs.enter_context(closing(window))
+                except RerunError as error:
+                    logger.warning("msg=%r", f"no window: {error}")
+            self.serve_at(server.uri)
             logger.info("msg=serving url=%s", server.url)
             try:
                 while True:
@@ -99,6 +111,17 @@ class ViewerService(Observer):
                     time.sleep(FRAME_S)
             finally:
                 self.end()
+
+    def serve_at(self, uri: str) -> None:
+        """Send the recordings of all runs to a server; attached viewers switch to the newest."""
+
+        def connect(recording: rr.RecordingStream) -> None:
+            # the server keeps the layout for all runs, and a viewer keeps its user's changes
+            first = self.runs == 1
+            layout = blueprint(self.scenario.names) if first else None
+            recording.connect_grpc(uri, default_blueprint=layout)
+
+        self.send, self._is_live = connect, True
 
     def widget(self) -> Viewer:
         """Return a notebook widget that shows this run from its start and follows it live.
@@ -120,45 +143,35 @@ class ViewerService(Observer):
         self,
         robot: str,
         topic: Topic[MessageT],
-        draw: Callable[[Picture, MessageT, int], Iterable[Entity]],
+        draw: Callable[[Picture, MessageT, int], None],
     ) -> None:
-        """Log the entities that `draw` returns for a robot's topic, at the time of the tick."""
+        """Draw the messages of a robot's topic, at the time of the tick."""
         key = join_key(topic.key, robot)
 
         def deliver(message: MessageT, stamp: Stamp | None) -> None:
             if stamp is None and self.recording is None:
                 return  # an unstamped sample before the first run
             time_ns = (self.stamp if stamp is None else stamp).time_ns
-            if self.send is None:
-                if time_ns - self._shown.get(key, -FRAME_NS) < FRAME_NS:
+            if not self._is_live:
+                if time_ns - self._shown_ns.get(key, -FRAME_NS) < FRAME_NS:
                     return
-                self._shown[key] = time_ns
+                self._shown_ns[key] = time_ns
+            if self.recording is None:
+                self.recording = self.begin()
+            self.recording.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
             try:
-                entities = list(draw(self.pictures[robot], message, time_ns))
+                draw(self._pictures[robot], message, time_ns)
             except RefusedError as refusal:
-                self.bus.refuse(join_key(topic.key, robot), str(refusal))
-                return
-            self.log(robot, entities, time_ns)
+                self.bus.refuse(key, str(refusal))
 
         self.subscribe(topic, deliver, robot=robot)
-
-    def log(self, robot: str, entities: Iterable[Entity], time_ns: int) -> None:
-        """Log a robot's entities at a simulated time in the recording of this run."""
-        if self.recording is None:
-            self.recording = self.begin()
-        if time_ns != self.logged_ns:
-            self.recording.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
-            self.logged_ns = time_ns
-        for path, archetype in entities:
-            self.recording.log(of_robot(path, robot), archetype)
-        for path, archetype in self.pictures[robot].statics():
-            self.recording.log(of_robot(path, robot), archetype, static=True)
 
     def begin(self) -> rr.RecordingStream:
         """Return the recording of a new run, with all static entities."""
         self.runs += 1
+        scenario = self.scenario
         recording = rr.RecordingStream(
-            application(self.scenario.names),
+            application(scenario.names),
             recording_id=f"{self.stamp.run:08x}",
             batcher_config=rr.ChunkBatcherConfig(flush_tick=BATCH_S),
         )
@@ -167,13 +180,20 @@ class ViewerService(Observer):
         if self.send is not None:
             self.send(recording)
         # each of several robots has a separate seed
-        seed = "" if self.scenario.robots else f", seed {self.stamp.seed}"
+        seed = "" if scenario.robots else f", seed {self.stamp.seed}"
         recording.send_recording_name(f"run {self.runs}{seed}")
-        for path, archetype in surroundings(self.scenario):
+        for path, archetype in surroundings(scenario):
             recording.log(path, archetype, static=True)
-        for robot in self.scenario.names:
-            for path, archetype in [*self.pictures[robot].shapes(), *self.robot(robot)]:
-                recording.log(of_robot(path, robot), archetype, static=True)
+        texts = StatusText()
+        self._pictures = {"": Picture(recording, scenario, texts)}
+        for robot in scenario.names:
+            own = scenario.of(robot) if robot else scenario
+            picture = self._pictures[robot] = Picture(recording, own, texts, robot)
+            picture.begin()
+            try:
+                picture.draw_robot(ask_description(self.bus, robot, DESCRIPTION_TIMEOUT_S))
+            except (BusError, RefusedError) as error:
+                logger.warning("msg=%r", f"no picture of {robot or 'the robot'}: {error}")
         return recording
 
     def close(self) -> None:
@@ -184,17 +204,39 @@ class ViewerService(Observer):
         """End the recording of a run."""
         if self.recording is not None and self.send is None:
             self.recording.flush()  # so that a widget shows all data
-        self.recording, self.logged_ns = None, -1
+        self.recording = None
+        self._pictures.clear()
         # an orphaned recording keeps its threads until this call, which raises if any recording of
         # this process has lost its server: `run` reports the loss of its own server
         with suppress(RuntimeError):
             rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
-    def robot(self, name: str) -> Iterable[Entity]:
-        """Return the static entities of a robot; none if no service describes it."""
-        try:
-            description = ask_description(self.bus, name, DESCRIPTION_TIMEOUT_S)
-            return self.pictures[name].robot_shapes(description)
-        except (BusError, RefusedError) as error:
-            logger.warning("msg=%r", f"no picture of {name or 'the robot'}: {error}")
-            return []
+
+def draw(recording: Any, folder: Path) -> list[Path]:
+    """Draw a `mecazen_recorder.reader.Recording` into files for Rerun, one for each run.
+
+    Raises:
+        MecazenError: The recording lacks the configuration of its run, or holds no run.
+    """
+    samples = dropwhile(lambda sample: sample.stamp is None, recording.samples())
+    first = next(samples, None)
+    if first is None:
+        raise ConfigError(f"{recording.path}: holds no run")
+    scenario = recording.scenario(first.stamp.run, *SECTIONS)
+    bus = LocalBus()
+    bus.renamed = scenario.renamed
+    for robot, description in recording.descriptions().items():
+        serve_description(bus, robot, description)
+    files: list[Path] = []
+
+    def save(run: rr.RecordingStream) -> None:
+        files.append(folder / f"{len(files)}.rrd")
+        run.save(files[-1], default_blueprint=blueprint(scenario.names))
+
+    viewer = ViewerService("viewer", bus, scenario)
+    viewer.send = save
+    for sample in chain((first,), samples):
+        with suppress(RefusedError):
+            bus.put_bytes(sample.key, *sample.as_published())
+    viewer.end()
+    return files

@@ -34,7 +34,7 @@ EXTRAS = {
         "info": "mecazen_tools.cli.recording:info",
         "plot": "mecazen_tools.cli.recording:plot",
     },
-    "viewer": {"view": "mecazen_viewer.cli:view"},
+    "viewer": {"view": "mecazen_tools.cli.view:view"},
     "studies": {
         "experiment": "mecazen_experiments.cli:app",
         "identify": "mecazen_experiments.identify.cli:identify",
