@@ -13,6 +13,8 @@ from traceback import extract_tb
 LIBRARIES = {
     "physics": "dartpy",
     "sensors": "mujoco",
+    "target": "scipy",
+    "crowd": "scipy",
     "follower": "filterpy",
     "hardware": "serial",
     "viewer": "rerun",

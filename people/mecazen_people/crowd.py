@@ -17,7 +17,7 @@ from mecazen.portable import Floats
 from numpy.random import PCG64, Generator
 
 from mecazen_people import forces
-from mecazen_people.motion import Motion
+from mecazen_people.motion import PersonMotion
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S
 
 ARRIVED_M = 0.3
@@ -152,7 +152,7 @@ class Pedestrians:
         self._fastest = np.array([forces.FASTEST * errand.speed for errand in errands])
         self._next = [0] * len(errands)
         self._random = [Generator(PCG64([seed, n, 1])) for n in range(len(errands))]
-        self.motions = [Motion(errand.start) for errand in errands]
+        self.motions = [PersonMotion(errand.start) for errand in errands]
         """Current motion of each walker."""
 
     def step(self, time: float, dt: float, agents: Sequence[Agent]) -> None:
@@ -202,7 +202,9 @@ class Pedestrians:
         return errand.speed * (goal_x - x) / distance, errand.speed * (goal_y - y) / distance
 
 
-def _walked(last: Motion, place: Sequence[float], velocity: Sequence[float], dt: float) -> Motion:
+def _walked(
+    last: PersonMotion, place: Sequence[float], velocity: Sequence[float], dt: float
+) -> PersonMotion:
     """Return a walker's motion; the body turns to its direction of travel at a human rate."""
     (x, y), (vx, vy), yaw = place, velocity, last.pose.yaw
     speed, rate = math.hypot(vx, vy), 0.0
@@ -210,6 +212,6 @@ def _walked(last: Motion, place: Sequence[float], velocity: Sequence[float], dt:
         lag = wrap(math.atan2(vy, vx) - yaw)
         rate = min(max(TURN_HZ * lag, -MAX_YAW_RATE), MAX_YAW_RATE)
     yaw = wrap(yaw + rate * dt)
-    return Motion(
+    return PersonMotion(
         Pose2D(x, y, yaw), Twist2D(*rotate(vx, vy, -yaw), rate), last.distance + speed * dt
     )

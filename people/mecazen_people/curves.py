@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
-from itertools import accumulate, pairwise
+from collections.abc import Sequence
 
+import numpy as np
+import scipy  # its parts are loaded when they are used: most paths need none
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, wrap
-
-from mecazen_people.spline import Spline, natural_slopes, simpson
+from mecazen.portable import arctan2
 
 
 class Arcs:
@@ -45,33 +45,30 @@ class Arcs:
 class Lemniscate:
     """Bernoulli's lemniscate, endless, from its crossing along x.
 
-    In its own axes x = a·cos u/(1 + sin²u), y = x·sin u, where its tangent has the angle
-    3·atan(sin u) + pi/2 and the curvature 3·cos u/(a·sqrt(1 + sin²u)). Its arc length is an
-    elliptic integral, computed numerically. `size` = 2a [m] is the distance between the ends of
-    the loops; `side` is 1 if the first loop turns left, -1 if right.
+    At the arc length s its point is r = a·sl(s/a) from the crossing and its curvature is 3·r/a²,
+    with Gauss's lemniscate functions sl(z) = sd(√2·z | 1/2)/√2 and cl(z) = cn(√2·z | 1/2).
+    `size` = 2a [m] is the distance between the ends of the loops; `side` is 1 if the first loop
+    turns left, -1 if right.
     """
 
     length = math.inf
-    _PIECES = 400  # per round: the arc length is then exact to 1e-9 of the curve's size
 
     def __init__(self, size: float, side: float) -> None:
         self._a = size / 2
         self._side = side
-        start = -math.pi / 2  # the crossing, towards positive x
-        self._parameter, self._round = _by_arc_length(
-            lambda u: self._a / math.hypot(1.0, math.sin(u)),
-            [start + math.tau * i / self._PIECES for i in range(self._PIECES + 1)],
-        )
+        self._round = 4.0 * scipy.special.ellipk(0.5) * self._a / math.sqrt(2.0)
 
     def at(self, s: float) -> tuple[Pose2D, float]:
         """Return pose and curvature [1/m] at the arc length `s` [m]."""
-        u, _, _ = self._parameter.at(math.fmod(s, self._round))
-        sin, cos = math.sin(u), math.cos(u)
-        x = self._a * cos / (1.0 + sin * sin)
-        left = Pose2D(x, x * sin, 3.0 * math.atan(sin) + math.pi / 2)
-        x, y, yaw = Pose2D(yaw=math.pi / 4).compose(left)  # so that it leaves the crossing along x
-        curvature = 3.0 * cos / (self._a * math.hypot(1.0, sin))
-        return Pose2D(x, self._side * y, wrap(self._side * yaw)), self._side * curvature
+        z = math.fmod(s, self._round) / self._a
+        sn, cl, dn, _ = map(float, scipy.special.ellipj(math.sqrt(2.0) * z, 0.5))
+        sl = sn / dn / math.sqrt(2.0)
+        r = self._a * sl
+        # the bearing of the point is -atan(cl) in the lemniscate's axes, turned by pi/4
+        bearing = math.pi / 4 - math.atan(cl)
+        yaw = 3.0 * bearing
+        x, y = r * math.cos(bearing), r * math.sin(bearing)
+        return Pose2D(x, self._side * y, wrap(self._side * yaw)), self._side * 3.0 * sl / self._a
 
 
 class SmoothCurve:
@@ -85,55 +82,35 @@ class SmoothCurve:
     _PIECES = 50  # between two points
 
     def __init__(self, points: Sequence[tuple[float, float]]) -> None:
-        steps = [math.sqrt(math.dist(p, q)) for p, q in pairwise(points)]
-        if 0.0 in steps:
-            i = steps.index(0.0)
+        chords = np.sqrt(np.hypot(*np.diff(np.array(points), axis=0).T))
+        if not chords.all():
+            i = int(np.argmin(chords))
             raise ConfigError(
                 f"points_m: points {i + 1} and {i + 2} are the same, {list(points[i])}"
             )
-        knots = list(accumulate(steps, initial=0.0))
-        x, y = ([float(p[i]) for p in points] for i in range(2))
-        self._x = Spline(knots, x, natural_slopes(knots, x))
-        self._y = Spline(knots, y, natural_slopes(knots, y))
-        parameters = [
-            start + (end - start) * i / self._PIECES
-            for start, end in pairwise(knots)
-            for i in range(self._PIECES)
-        ]
-        parameters.append(knots[-1])
-        self._refuse_cusps(parameters)
-        self._parameter, self.length = _by_arc_length(self._speed, parameters)
-
-    def _speed(self, u: float) -> float:
-        return math.hypot(self._x.at(u)[1], self._y.at(u)[1])
-
-    def _refuse_cusps(self, parameters: Sequence[float]) -> None:
-        headings = [math.atan2(self._y.at(u)[1], self._x.at(u)[1]) for u in parameters]
-        for i, (h0, h1) in enumerate(pairwise(headings)):
-            if abs(wrap(h1 - h0)) > math.pi / 4:
-                point = round(i / self._PIECES) + 1
-                raise ConfigError(
-                    f"points_m turns back too sharply at point {point}; lead it around in a bend"
-                )
+        knots = np.concatenate(([0.0], np.cumsum(chords)))
+        spline = scipy.interpolate.CubicSpline(knots, points, bc_type="natural")
+        numbers = np.arange(self._PIECES * len(chords) + 1) / self._PIECES
+        parameters = np.interp(numbers, np.arange(len(knots)), knots)
+        (dx, dy), (ddx, ddy) = spline(parameters, 1).T, spline(parameters, 2).T
+        sharp = dx[1:] * dx[:-1] + dy[1:] * dy[:-1] <= abs(dx[:-1] * dy[1:] - dy[:-1] * dx[1:])
+        if sharp.any():  # by more than 45 deg from one piece to the next
+            point = round(int(np.argmax(sharp)) / self._PIECES) + 1
+            raise ConfigError(
+                f"points_m turns back too sharply at point {point}; lead it around in a bend"
+            )
+        speeds = np.hypot(dx, dy)
+        lengths = scipy.integrate.cumulative_simpson(speeds, x=parameters, initial=0.0)
+        poses = np.column_stack((spline(parameters), np.unwrap(arctan2(dy, dx))))
+        curvatures = (dx * ddy - dy * ddx) / (speeds * speeds * speeds)
+        slopes = np.column_stack((dx / speeds, dy / speeds, curvatures))
+        self._pose = scipy.interpolate.CubicHermiteSpline(lengths, poses, slopes)
+        self.length = float(lengths[-1])
 
     def at(self, s: float) -> tuple[Pose2D, float]:
         """Return pose and curvature [1/m] at the arc length `s` [m]."""
-        u, _, _ = self._parameter.at(s)
-        (x, dx, ddx), (y, dy, ddy) = self._x.at(u), self._y.at(u)
-        return Pose2D(x, y, math.atan2(dy, dx)), (dx * ddy - dy * ddx) / math.hypot(dx, dy) ** 3
+        x, y, yaw = self._pose(s).tolist()
+        return Pose2D(x, y, wrap(yaw)), float(self._pose(s, 1)[2])
 
 
 Curve = Arcs | Lemniscate | SmoothCurve
-
-
-def _by_arc_length(
-    speed: Callable[[float], float], parameters: Sequence[float]
-) -> tuple[Spline, float]:
-    """Return a curve's parameter as a function of its arc length, and its length.
-
-    `speed` is the derivative of the arc length by the parameter, of which the `parameters` are
-    increasing values.
-    """
-    speeds = [speed(u) for u in parameters]
-    lengths = simpson(parameters, speeds, speed)
-    return Spline(lengths, parameters, [1.0 / v for v in speeds]), lengths[-1]

@@ -9,7 +9,7 @@ from mecazen.config.people import Gait
 from mecazen.geometry import Pose2D, Twist2D
 
 
-class Motion(NamedTuple):
+class PersonMotion(NamedTuple):
     """The person's motion at one time."""
 
     pose: Pose2D
@@ -20,25 +20,25 @@ class Motion(NamedTuple):
     """Distance travelled since the start [m]."""
 
 
-class Path(Protocol):
+class PersonPath(Protocol):
     """A motion known for all times."""
 
     @property
     def duration(self) -> float:
         """Time from which on the person stands [s]; inf for an endless path."""
 
-    def at(self, t: float) -> Motion:
+    def at(self, t: float) -> PersonMotion:
         """Return the motion at any time `t` [s]; at rest before 0 and after the end."""
 
 
-class Driven:
+class DrivenWalk:
     """The person moves with the last commanded twist, from `start` in the world.
 
     They stop `timeout` [s] after the last command; `tick_s` is the duration of a step.
     """
 
     def __init__(self, start: Pose2D, timeout: float, tick_s: float) -> None:
-        self.motion = Motion(start)
+        self.motion = PersonMotion(start)
         """The current motion."""
         self._command = Twist2D()
         self._tick_s = tick_s
@@ -50,7 +50,7 @@ class Driven:
         self._command = twist
         self._ticks_left = self._timeout_ticks
 
-    def step(self, ticks: int = 1) -> Motion:
+    def step(self, ticks: int = 1) -> PersonMotion:
         """Advance by `ticks` >= 1 and return the new motion."""
         moving = min(ticks, self._ticks_left)
         self._ticks_left -= moving
@@ -58,11 +58,11 @@ class Driven:
         twist, duration = self._command, moving * self._tick_s
         walked = math.hypot(twist.x, twist.y) * duration
         pose = pose.integrate(twist, duration)
-        self.motion = Motion(pose, twist if moving == ticks else Twist2D(), distance + walked)
+        self.motion = PersonMotion(pose, twist if moving == ticks else Twist2D(), distance + walked)
         return self.motion
 
 
-def with_gait(motion: Motion, gait: Gait) -> Motion:
+def with_gait(motion: PersonMotion, gait: Gait) -> PersonMotion:
     """Return `motion` with the gait oscillation.
 
     The displacements are functions of the distance travelled s and the step length L, in the
@@ -85,7 +85,7 @@ def with_gait(motion: Motion, gait: Gait) -> Motion:
     speed = math.hypot(twist.x, twist.y)
     dx = gait.speed_ripple * speed * math.cos(2.0 * phase)
     dy = gait.sway_m * math.pi / gait.step_length_m * speed * math.cos(phase)
-    return Motion(
+    return PersonMotion(
         pose.compose(Pose2D(x, y)),
         Twist2D(twist.x + dx - twist.yaw * y, twist.y + dy + twist.yaw * x, twist.yaw),
         s,

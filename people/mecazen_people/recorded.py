@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
+import numpy as np
+import scipy  # its parts are loaded when they are used: most paths need none
 from mecazen.errors import ConfigError
 from mecazen.files import read_text
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen.portable import Floats, arctan2
 
-from mecazen_people.motion import Motion
-from mecazen_people.spline import Spline, limited_slopes, simpson
+from mecazen_people.motion import PersonMotion
 
+COLUMNS = "t_s", "x_m", "y_m"
 MAX_DURATION_S = 4 * 3600.0
 """Longest track that is read; a longer one is most likely in the wrong unit."""
 MAX_ROWS = 400_000
@@ -29,19 +31,11 @@ partly."""
 MAX_YAW_RATE = 3.0
 """Maximum yaw rate of a walking person [rad/s]."""
 
-_STEP_S = 0.04  # between knots of heading and distance
+_STEP_S = 0.04  # between knots of the motion
 _CORRECTION = 5.0  # gain on the lag of the heading [1/s]
 
 
-class Sample(NamedTuple):
-    """A row of a recorded track."""
-
-    t: float
-    x: float
-    y: float
-
-
-class RecordedMotion:
+class RecordedWalk:
     """The motion of a recorded track, from time 0 on, in the frame of the recording.
 
     Cubics in time interpolate the samples: the person stands still between equal samples and
@@ -53,119 +47,123 @@ class RecordedMotion:
     twist has a lateral component until then. The heading of a track without motion is 0.
 
     Args:
-        samples: The track.
+        track: Time [s], x and y [m] of each sample (n, 3).
         smoothing: Window of the moving average [s].
     """
 
-    def __init__(self, samples: Sequence[Sample], smoothing: float) -> None:
-        self.duration = samples[-1].t - samples[0].t
-        self._half = min(smoothing, self.duration) / 2
+    def __init__(self, track: Floats, smoothing: float) -> None:
+        times, places = track[:, 0] - track[0, 0], track[:, 1:]
+        end = self.duration = float(times[-1])
         # extended by point reflection about both ends, so that the average keeps the ends
-        first, last = samples[0], samples[-1]
-        before = [_opposite(sample, first) for sample in reversed(samples[1:])]
-        after = [_opposite(sample, last) for sample in reversed(samples[:-1])]
-        through = [*before, *samples, *after]
-        times = [sample.t - first.t for sample in through]
-        x, y = [sample.x for sample in through], [sample.y for sample in through]
-        dx, dy = limited_slopes(times, x, y)
-        self._x, self._y = Spline(times, x, dx), Spline(times, y, dy)
-        pieces = math.ceil(self.duration / _STEP_S)
-        knots = [self.duration * i / pieces for i in range(pieces + 1)]
-        velocities = [self._velocity(t) for t in knots]
-        headings = _headings(velocities, self.duration / pieces)
-        self._yaw = Spline(knots, headings, *limited_slopes(knots, headings))
-        speeds = [math.hypot(*velocity) for velocity in velocities]
-        self._distance = Spline(knots, simpson(knots, speeds, self._speed), speeds)
+        times = np.concatenate((-times[:0:-1], times, 2 * end - times[-2::-1]))
+        before, after = 2 * places[0] - places[:0:-1], 2 * places[-1] - places[-2::-1]
+        places = np.concatenate((before, places, after))
+        curve = scipy.interpolate.CubicHermiteSpline(times, places, limited_slopes(times, places))
+        area, window = curve.antiderivative(), min(smoothing, end)
+        knots = np.linspace(0.0, end, math.ceil(end / _STEP_S) + 1)
+        start, stop = knots - window / 2, knots + window / 2
+        means, velocities = (
+            (area(stop) - area(start)) / window,
+            (curve(stop) - curve(start)) / window,
+        )
+        speeds = np.hypot(*velocities.T)
+        headings = _headings(velocities, speeds, float(knots[1]))
+        distances = scipy.integrate.cumulative_trapezoid(speeds, knots, initial=0.0)
+        values = np.column_stack((means, headings, distances))
+        slopes = np.column_stack((velocities, limited_slopes(knots, headings), speeds))
+        self._motion = scipy.interpolate.CubicHermiteSpline(knots, values, slopes)
 
-    def at(self, t: float) -> Motion:
+    def at(self, t: float) -> PersonMotion:
         """Return the motion at the time `t` [s]; at rest before 0 and after the end."""
         inside = min(max(t, 0.0), self.duration)
-        yaw, yaw_rate, _ = self._yaw.at(inside)
-        distance, _, _ = self._distance.at(inside)
-        x, y = (_mean(curve, inside, self._half) for curve in (self._x, self._y))
+        x, y, yaw, distance = self._motion(inside).tolist()
         pose = Pose2D(x, y, wrap(yaw))
         if t != inside:
-            return Motion(pose, Twist2D(), distance)
-        return Motion(pose, Twist2D(*rotate(*self._velocity(t), -yaw), yaw_rate), distance)
-
-    def _velocity(self, t: float) -> tuple[float, float]:
-        """Return the derivative of the averaged position: the difference over the window."""
-        x, y = (
-            (curve.at(t + self._half)[0] - curve.at(t - self._half)[0]) / (2 * self._half)
-            for curve in (self._x, self._y)
-        )
-        return x, y
-
-    def _speed(self, t: float) -> float:
-        return math.hypot(*self._velocity(t))
+            return PersonMotion(pose, Twist2D(), distance)
+        dx, dy, yaw_rate, _ = self._motion(inside, 1).tolist()
+        return PersonMotion(pose, Twist2D(*rotate(dx, dy, -yaw), yaw_rate), distance)
 
 
-def _opposite(sample: Sample, centre: Sample) -> Sample:
-    return Sample(*(2 * c - s for s, c in zip(sample, centre, strict=True)))
+def limited_slopes(knots: Floats, values: Floats) -> Floats:
+    """Return slopes that prevent overshoot: the curve rests between repeated points.
+
+    The slope at an inner knot is that of the parabola through it and its neighbours, limited to
+    three times the shorter secant; at the ends it is the secant. With one coordinate the curve is
+    monotonic where its values are: J. M. Hyman, Accurate monotonicity preserving cubic
+    interpolation, SIAM J. Sci. Stat. Comput. 4 (1983). The limit is on the length of the vector, so
+    the curve does not depend on the frame.
+
+    Args:
+        knots: Increasing times (n).
+        values: The values at the knots (n) or (n, coordinates); the result has the same shape.
+    """
+    points = values.reshape(len(knots), -1)
+    widths = np.diff(knots)[:, None]
+    secants = np.diff(points, axis=0) / widths
+    lengths = np.sqrt((secants * secants).sum(axis=1))
+    limits = 3.0 * np.minimum(lengths[:-1], lengths[1:])
+    slopes = (widths[1:] * secants[:-1] + widths[:-1] * secants[1:]) / (widths[:-1] + widths[1:])
+    sizes = np.sqrt((slopes * slopes).sum(axis=1))
+    slopes *= np.minimum(1.0, limits / np.where(sizes > 0.0, sizes, 1.0))[:, None]
+    return np.concatenate((secants[:1], slopes, secants[-1:])).reshape(values.shape)
 
 
-def _mean(curve: Spline, t: float, half: float) -> float:
-    return (curve.integral(t + half) - curve.integral(t - half)) / (2 * half)
-
-
-def _headings(velocities: Sequence[tuple[float, float]], step: float) -> list[float]:
-    """Return the headings [rad], not wrapped, of `velocities` that are `step` [s] apart.
+def _headings(velocities: Floats, speeds: Floats, step: float) -> Floats:
+    """Return the headings (n) [rad], not wrapped, of velocities (n, 2) that are `step` [s] apart.
 
     The heading follows the direction of motion, with a proportional gain on its lag, weighted by
-    `_walking` and limited to `MAX_YAW_RATE`.
+    the share of walking and limited to `MAX_YAW_RATE`.
     """
-    directions = [math.atan2(y, x) for x, y in velocities]
-    shares = [_walking(math.hypot(x, y)) for x, y in velocities]
-    moving = (d for d, share in zip(directions, shares, strict=True) if share > 0.0)
-    headings = [next(moving, 0.0)]
+    directions = arctan2(velocities[:, 1], velocities[:, 0]).tolist()
+    parts = ((speeds - STANDING_M_S) / (WALKING_M_S - STANDING_M_S)).clip(0.0, 1.0)
+    shares = (parts * parts * (3.0 - 2.0 * parts)).tolist()  # 0 standing, 1 walking
+    headings = [next((d for d, share in zip(directions, shares, strict=True) if share > 0.0), 0.0)]
     limit = MAX_YAW_RATE * step
     for (d0, d1), (share0, share1) in zip(pairwise(directions), pairwise(shares), strict=True):
         lag = wrap(d0 - headings[-1])
         turn = wrap(d1 - d0) + _CORRECTION * step * lag
         headings.append(headings[-1] + min(share0, share1) * min(max(turn, -limit), limit))
-    return headings
+    return np.array(headings)
 
 
-def _walking(speed: float) -> float:
-    """Return 0 when standing, 1 when walking, and a smooth step in between."""
-    part = min(max((speed - STANDING_M_S) / (WALKING_M_S - STANDING_M_S), 0.0), 1.0)
-    return part * part * (3.0 - 2.0 * part)
+def read_track(file: Path) -> Floats:
+    """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others, as (n, 3).
 
-
-def read_track(file: Path) -> list[Sample]:
-    """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others."""
+    Raises:
+        ConfigError: One line with the file, the line and what is allowed.
+    """
     lines = StringIO(read_text(file), newline="")
     try:
-        samples = list(_rows(csv.DictReader(lines)))
+        rows = list(_rows(csv.DictReader(lines)))
     except (ConfigError, csv.Error) as error:
         raise ConfigError(f"{file}: {error}") from error
-    if len(samples) < 2:
-        raise ConfigError(f"{file}: must have at least 2 rows below its header, has {len(samples)}")
-    duration = samples[-1].t - samples[0].t
+    if len(rows) < 2:
+        raise ConfigError(f"{file}: must have at least 2 rows below its header, has {len(rows)}")
+    duration = rows[-1][0] - rows[0][0]
     if duration > MAX_DURATION_S:
         raise ConfigError(
             f"{file}: t_s must span at most {MAX_DURATION_S:g} s, spans {duration:g} s"
         )
-    return samples
+    return np.array(rows)
 
 
-def _rows(reader: csv.DictReader[str]) -> Iterator[Sample]:
+def _rows(reader: csv.DictReader[str]) -> Iterator[list[float]]:
     header = reader.fieldnames or []
-    missing = [name for name in ("t_s", "x_m", "y_m") if name not in header]
+    missing = [name for name in COLUMNS if name not in header]
     if missing:
         raise ConfigError(f"line 1: must name the columns t_s,x_m,y_m; {','.join(missing)} missing")
     last = -math.inf
-    for number, row in enumerate(reader, start=1):
+    for number, cells in enumerate(reader, start=1):
         line = f"line {reader.line_num}"
-        sample = Sample(*(_number(line, name, row[name]) for name in ("t_s", "x_m", "y_m")))
-        if sample.t - last < MIN_STEP_S:
+        row = [_number(line, name, cells[name]) for name in COLUMNS]
+        if row[0] - last < MIN_STEP_S:
             raise ConfigError(
-                f"{line}: t_s must grow by at least {MIN_STEP_S} s, {sample.t:g} follows {last:g}"
+                f"{line}: t_s must grow by at least {MIN_STEP_S} s, {row[0]:g} follows {last:g}"
             )
         if number > MAX_ROWS:
             raise ConfigError(f"{line}: must have at most {MAX_ROWS} rows")
-        last = sample.t
-        yield sample
+        last = row[0]
+        yield row
 
 
 def _number(line: str, name: str, text: str | None) -> float:

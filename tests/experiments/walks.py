@@ -5,8 +5,8 @@ from mecazen.config.people import Body
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen_experiments.capture import Motion as Reported
-from mecazen_people.body.walker import Walker
-from mecazen_people.motion import Motion
+from mecazen_people.body.walker import WalkingPerson
+from mecazen_people.motion import PersonMotion
 
 RATE_HZ = 25.0
 STRIDE_S = 1.1
@@ -48,10 +48,10 @@ def pendulum(duration_s=10.0, yaw=0.3, late=0.5, rate_hz=RATE_HZ):
 
 def person(speed=SPEED_M_S, duration_s=12.0, rate_hz=RATE_HZ, body=None):
     """Times, joints and phases of the simulated person when the walk is steady."""
-    walker, twist, dt = Walker(body or Body()), Twist2D(x=speed), 1.0 / rate_hz
-    walker.reset(Motion(Pose2D()))
+    walker, twist, dt = WalkingPerson(body or Body()), Twist2D(x=speed), 1.0 / rate_hz
+    walker.reset(PersonMotion(Pose2D()))
     t = np.arange(1, round(duration_s * rate_hz)) * dt
-    postures = [walker.step(Motion(Pose2D(x=speed * now), twist), dt) for now in t.tolist()]
+    postures = [walker.step(PersonMotion(Pose2D(x=speed * now), twist), dt) for now in t.tolist()]
     steady = t > 2.5
     joints = np.array([posture.joints for posture in postures])[steady]
     phases = np.array([posture.phases for posture in postures])[steady]

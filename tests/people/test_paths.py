@@ -1,4 +1,4 @@
-"""Paths at constant speed: where they lead, and that their twist is their derivative."""
+"""Paths of a person: curves, scripts, commands and gait; the twist is the pose's derivative."""
 
 import math
 
@@ -21,8 +21,10 @@ from mecazen.config.people import (
 )
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_people.paths import make_path
-from people.differences import differences
+from mecazen_people.curves import Lemniscate, SmoothCurve
+from mecazen_people.motion import DrivenWalk, PersonMotion, with_gait
+from mecazen_people.paths import ScriptedWalk, make_path
+from people.walks import differences
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
 PATHS = {
@@ -44,6 +46,11 @@ PATHS = {
 }
 
 
+GAIT = Gait(sway_m=0.03, speed_ripple=0.1, step_length_m=0.5)
+CELL_S = 0.005
+"""Duration of a constant velocity within a script."""
+
+
 @pytest.mark.parametrize(
     ("t", "pose", "twist"),
     [
@@ -62,14 +69,6 @@ def test_u_track_is_the_papers(t, pose, twist):
     # Sums of a few rounded numbers below 100.
     assert motion.pose == pytest.approx(pose, abs=1e-12)
     assert motion.twist == pytest.approx(twist, abs=1e-12)
-
-
-def test_u_track_lasts_81_4_seconds():
-    path = make_path(UTrack())
-    assert path.duration == pytest.approx(50.0 + 10.0 * math.pi)
-    assert path.duration == pytest.approx(81.416, abs=1e-3)  # as the digits are given
-    assert path.at(path.duration).twist == Twist2D()
-    assert path.at(path.duration).distance == pytest.approx(10.0 + 2.0 * math.pi)
 
 
 def test_u_track_to_the_right_is_the_mirror_image():
@@ -120,10 +119,108 @@ def test_twist_is_the_derivative_of_the_pose(name, gait):
         t = 0.0517 + 0.273 * k  # nowhere within dt of a jump
         assert all(abs(t - jump) > dt for jump in jumps)
         now, measured, speed = differences(path, gait, t, dt)
-        # The arc length of waypoints is right to 1e-5 of a piece; truncation, dt² times a
-        # third derivative below 200, and rounding, 1e-15·10/dt, are less.
-        assert now.twist == pytest.approx(measured, abs=2e-5)
+        # waypoints: cubics between 50 poses a piece have the speed to 3e-5; others are exact
+        assert now.twist == pytest.approx(measured, abs=5e-5)
         assert speed == pytest.approx(math.hypot(*path.at(t).twist[:2]), abs=1e-9)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_lemniscate_has_its_known_length_width_and_curvature(side):
+    curve = Lemniscate(2.0, side)
+    half = 2.622057554292119  # the lemniscate constant: half the length at half width 1
+    assert curve.at(half)[0] == pytest.approx((0.0, 0.0, -side * math.pi / 2), abs=1e-12)
+    assert curve.at(2.0 * half)[0] == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    pose, curvature = curve.at(half / 2)  # the far end of the first loop
+    end = (math.sqrt(0.5), side * math.sqrt(0.5), side * 0.75 * math.pi)
+    assert pose == pytest.approx(end, abs=1e-12)
+    assert curvature == pytest.approx(side * 3.0, abs=1e-9)
+
+
+def test_a_smooth_curve_through_points_on_a_line_is_straight():
+    curve = SmoothCurve([(1.0, 1.0), (2.5, 3.0), (4.0, 5.0)])
+    assert curve.length == pytest.approx(5.0)
+    for s in (0.0, 1.0, 2.5, 5.0):
+        pose, curvature = curve.at(s)
+        assert pose == pytest.approx((1.0 + 0.6 * s, 1.0 + 0.8 * s, math.atan2(4.0, 3.0)))
+        assert curvature == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (((0.0, 0.0), (1.0, 1.0), (1.0, 1.0)), r"points 2 and 3 are the same, \[1.0, 1.0\]"),
+        (((0.0, 0.0), (2.0, 0.0), (0.0, 0.0)), "back too sharply at point 2"),
+    ],
+)
+def test_points_that_no_smooth_curve_joins_are_refused(points, message):
+    with pytest.raises(ConfigError, match=message):
+        SmoothCurve(points)
+
+
+def test_gait_sways_once_a_stride_and_pulses_once_a_step():
+    path = make_path(Straight(speed_m_s=1.0))
+    steps = [with_gait(path.at(t), GAIT) for t in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    # Left over one foot, right over the other; fastest as the feet change.
+    assert [m.pose.y for m in steps] == pytest.approx([0.0, 0.03, 0.0, -0.03, 0.0], abs=1e-12)
+    assert [m.twist.x for m in steps] == pytest.approx([1.1, 0.9, 1.1, 0.9, 1.1])
+    assert [m.pose.x for m in steps] == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
+
+
+def test_gait_keeps_heading_yaw_rate_and_distance():
+    motion = PersonMotion(Pose2D(1.0, 2.0, 0.7), Twist2D(0.9, 0.1, 0.4), 12.3)
+    rippled = with_gait(motion, GAIT)
+    assert rippled.pose.yaw == pytest.approx(0.7)
+    assert rippled.twist.yaw == 0.4
+    assert rippled.distance == 12.3
+    # Never further off than both amplitudes: 0.1·0.5/(2·pi) = 8 mm and 30 mm.
+    assert math.dist(rippled.pose[:2], motion.pose[:2]) <= math.hypot(0.008, 0.03)
+
+
+def test_person_who_stops_in_mid_step_stands_where_they_are():
+    path = make_path(Straight(length_m=1.3, speed_m_s=1.0))
+    before, after = (with_gait(path.at(t), GAIT) for t in (1.3 - 1e-9, 1.3))
+    assert after.pose == pytest.approx(before.pose, abs=1e-8)  # 1e-9 s at 1 m/s
+    assert after.twist == Twist2D()
+    assert with_gait(path.at(60.0), GAIT) == after
+
+
+def test_driven_person_walks_an_exact_arc():
+    person = DrivenWalk(Pose2D(1.0, 2.0, math.pi / 2), timeout=10.0, tick_s=0.01)
+    person.command(Twist2D(0.2, 0.0, 0.1))
+    for _ in range(500):
+        person.step()
+    # 5 s: 1 m on a circle of radius 2 m, 0.5 rad to the left; rounding of 500 sums.
+    expected = (1.0 - 2.0 * (1.0 - math.cos(0.5)), 2.0 + 2.0 * math.sin(0.5), math.pi / 2 + 0.5)
+    assert person.motion.pose == pytest.approx(expected, abs=1e-12)
+    assert person.motion.distance == pytest.approx(1.0)
+    assert person.motion.twist == Twist2D(0.2, 0.0, 0.1)
+
+
+def test_a_hard_stop_covers_v_squared_over_2a():
+    walk = ScriptedWalk([(3.0, Twist2D(1.8, 0.0, 0.0))], 6.0, 12.0)
+    speeding_up, at_speed = walk.at(0.3).pose.x, walk.at(3.0).pose.x
+    # a ramp ends within a cell of when it should
+    assert speeding_up == pytest.approx(1.8**2 / 12.0, abs=1.8 * CELL_S)
+    assert walk.duration == pytest.approx(3.3, abs=CELL_S)
+    assert walk.at(10.0).pose.x - at_speed == pytest.approx(1.8**2 / 12.0, abs=1e-9)
+    assert walk.at(10.0).twist == Twist2D()
+
+
+def test_a_person_steps_back_aside_and_turns_on_the_spot():
+    walk = ScriptedWalk(
+        [
+            (2.0, Twist2D(-0.5, 0.0, 0.0)),
+            (2.0, Twist2D(0.0, 0.4, 0.0)),
+            (2.0, Twist2D(0.0, 0.0, math.pi / 2)),
+        ],
+        1e9,
+        1e9,
+    )
+    x, y, yaw = walk.at(6.1).pose
+    # of each change of the velocity half a cell has the mean of both
+    assert (x, y) == pytest.approx((-1.0, 0.8), abs=0.5 * CELL_S)
+    assert abs(yaw) == pytest.approx(math.pi, abs=math.pi / 2 * CELL_S)
+    assert walk.at(6.1).distance == pytest.approx(1.8, abs=CELL_S)
 
 
 @given(

@@ -1,24 +1,50 @@
-"""A person's body walks: feet stay where they stand, joints never jump."""
+"""A person's body walks: feet stay where they stand, angles are those of the curves."""
 
 import math
 import random
 from itertools import pairwise
+from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
-from mecazen.config.people import Body, Circle, Standing, Straight, UTrack
+from mecazen.config.people import (
+    Body,
+    Circle,
+    Limp,
+    Shuffle,
+    Standing,
+    StiffKnee,
+    Straight,
+    UTrack,
+)
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.skeleton import INDEX, LIMBS, PARENTS, SIDES
-from mecazen_people.body.walker import Walker
-from mecazen_people.motion import Motion
-from people.walks import SETTLED_S, drive, joint, slip, walk
+from mecazen_people.body.gait import normal_gait
+from mecazen_people.body.posture import Segments
+from mecazen_people.body.recording import read_recording
+from mecazen_people.body.walker import WalkingPerson
+from mecazen_people.motion import PersonMotion
+from people.walks import SETTLED_S, angles, curve_errors, drive, joint, slip, walk
 
 SPEEDS = (0.4, 0.8, 1.3, 1.6)
+MOCAP = Path(__file__).parents[2].parent / "shared" / "data" / "mocap"
+
+
+# Means of adults at a natural speed: percent of the cycle, degrees, and standard deviation
+# (Perry & Burnfield 2010, Winter 2009, Kadaba et al. 1990). At 55 % the knee's is left out: with
+# 35 deg it is 4 % of the cycle ahead of 10 deg at 50 % and 40 deg at 62 %, where pre-swing ends.
+PUBLISHED = {
+    "hip": ((0, 30), (10, 25), (30, 10), (50, -10), (62, -5), (75, 25), (85, 32)),
+    "knee": ((0, 5), (12, 18), (25, 5), (40, 3), (70, 62), (85, 25), (95, 8)),
+    "ankle": ((0, 0), (8, -5), (25, 5), (40, 10), (62, -15), (70, -5), (85, 0)),
+}
+SPREAD = {"hip": 6.0, "knee": 7.0, "ankle": 5.0}
 
 
 @pytest.fixture(scope="module")
 def walker():
-    return Walker(Body())
+    return WalkingPerson(Body())
 
 
 @pytest.mark.parametrize("speed", [0.2, *SPEEDS])
@@ -59,7 +85,7 @@ def test_swinging_foot_clears_the_ground(walker):
             assert min(lowest) > 0.005
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_no_joint_ever_jumps(walker, seed):
     rng = random.Random(seed)
     legs = [
@@ -94,7 +120,7 @@ def test_limbs_keep_their_lengths(walker):
 
 
 def test_segments_are_shares_of_the_height():
-    posture = Walker(Body(height_m=2.0)).reset(Motion(Pose2D()))
+    posture = WalkingPerson(Body(height_m=2.0)).reset(PersonMotion(Pose2D()))
     at = {name: posture.joints[i] for name, i in INDEX.items()}
     # Winter, after Drillis and Contini
     assert math.dist(at["left_hip"], at["left_knee"]) == pytest.approx(0.490)
@@ -184,7 +210,7 @@ def test_phases_begin_at_heel_strike(walker):
 
 def test_same_motion_gives_the_same_bits():
     legs = ((2, 1.3, 0, 0.4), (2, -0.3, 0.3, 0), (2, 0, 0, 0))
-    first, second = Walker(Body()), Walker(Body())
+    first, second = WalkingPerson(Body()), WalkingPerson(Body())
     drive(second, (1, 0.5, 0.1, 0))  # a reset forgets this
     bits = [b"".join(p.joints.tobytes() for p in drive(w, *legs)) for w in (first, second)]
     assert bits[0] == bits[1]
@@ -192,7 +218,7 @@ def test_same_motion_gives_the_same_bits():
 
 def test_strides_vary_as_much_as_they_should_and_standing_feet_still_do_not_skate():
     path = Straight(speed_m_s=1.2, length_m=1000.0)
-    varied, plain = Walker(Body(stride_cv=0.02)), Walker(Body())
+    varied, plain = WalkingPerson(Body(stride_cv=0.02)), WalkingPerson(Body())
     postures = walk(varied, path, 120.0)
     phases = np.array([posture.phases[0] for posture in postures[600:]])
     (strikes,) = np.nonzero(np.diff(phases) < 0.0)
@@ -208,10 +234,130 @@ def test_strides_vary_as_much_as_they_should_and_standing_feet_still_do_not_skat
 
 def test_the_seed_draws_the_strides_and_without_variation_changes_no_bit():
     def bits(cv, *seed):
-        walker = Walker(Body(stride_cv=cv))
-        walker.reset(Motion(Pose2D()), *seed)
-        path = [Motion(Pose2D(x=0.012 * k), Twist2D(x=1.2)) for k in range(1, 500)]
+        walker = WalkingPerson(Body(stride_cv=cv))
+        walker.reset(PersonMotion(Pose2D()), *seed)
+        path = [PersonMotion(Pose2D(x=0.012 * k), Twist2D(x=1.2)) for k in range(1, 500)]
         return b"".join(walker.step(one, 0.01).joints.tobytes() for one in path)
 
     assert bits(0.0, 1) == bits(0.0, 2) == bits(0.0)
     assert bits(0.02, 1) == bits(0.02, 1) != bits(0.02, 2)
+
+
+def test_angles_are_those_taken_from_the_joint_centres(walker):
+    for posture in drive(walker, (2, 1.2, 0, 0.5), (1, -0.4, 0.3, 0), (1, 0, 0, 1.5))[::7]:
+        # the arc cosine of a nearly straight knee loses half the digits
+        assert np.array(posture.angles) == pytest.approx(angles(posture), abs=1e-7)
+
+
+@pytest.mark.parametrize("speed", [0.4, 0.5, 0.8, 1.3, 1.6])  # solved: 0.2, 0.4, ...
+def test_angles_are_within_two_degrees_of_the_curves(walker, speed):
+    postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 16.0)[600:]
+    rms = np.sqrt((curve_errors(walker, postures, speed) ** 2).mean(axis=0))
+    # 2 deg are asked for; reached are up to 0.8 at the hip, 1.65 at the knee, 1.1 at the ankle
+    assert (rms < np.tile([1.0, 1.8, 1.3], 2)).all(), rms
+
+
+def test_curves_lie_within_the_spread_of_healthy_adults():
+    for name, curve in zip(PUBLISHED, normal_gait().curves[0], strict=True):
+        for percent, published in PUBLISHED[name]:
+            # the spread is one standard deviation; 8 harmonics of the splines add half a degree
+            angle = math.degrees(curve.at(percent / 100))
+            assert angle == pytest.approx(published, abs=1.25 * SPREAD[name] + 0.5), percent
+
+
+def test_ranges_grow_with_speed(walker):
+    ranges = []
+    for speed in (0.4, 0.8, 1.3, 1.6):
+        postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 12.0)[600:]
+        ranges.append(np.ptp([p.angles for p in postures], axis=0)[:3])
+    assert (np.diff(ranges, axis=0) > 0.0).all()
+
+
+@pytest.mark.skipif(not MOCAP.is_dir(), reason=f"no recordings in {MOCAP}")
+def test_curves_are_like_a_recorded_adults():
+    recorded = read_recording(
+        MOCAP / "opensim" / "subject01_walk1_ik.mot", Segments.from_height(1.75)
+    )
+    curves = zip(recorded.curves[0], normal_gait().curves[0], (6.0, 13.0, 10.0), strict=True)
+    for curve, norm, most in curves:
+        differences = [curve.at(k / 100) - norm.at(k / 100) for k in range(100)]
+        # one person against a mean, at 1.0 instead of 1.3 m/s: about two standard deviations
+        assert np.degrees(np.sqrt(np.mean(np.square(differences)))) < most
+    assert all(0.6 < share < 0.7 for share in recorded.stance_shares)
+
+
+def footfalls(postures, dt=0.01):
+    """Return time, side and place of the heel strikes of a settled walk."""
+    return [
+        (k * dt, side, postures[k].joints[INDEX[f"{name}_heel"], 0])
+        for k in range(round(SETTLED_S / dt), len(postures))
+        for side, name in enumerate(SIDES)
+        if postures[k].standing[side] and not postures[k - 1].standing[side]
+    ]
+
+
+def step_lengths(falls):
+    """Return the mean step length of the left foot and of the right one."""
+    steps = [(b[1], b[2] - a[2]) for a, b in pairwise(falls)]
+    return [np.mean([length for side, length in steps if side == s]) for s in (0, 1)]
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_limp_spares_a_leg_and_lengthens_its_step(side):
+    walker = WalkingPerson(Body(limp=Limp(side=side, stance_asymmetry=0.08, step_asymmetry=0.2)))
+    postures = walk(walker, Straight(speed_m_s=0.8, length_m=100.0), 30.0)
+    affected = SIDES.index(side)
+    lengths = step_lengths(footfalls(postures))
+    difference = (lengths[affected] - lengths[1 - affected]) / np.mean(lengths)
+    assert difference == pytest.approx(0.2, abs=0.02)
+    period = 2 * math.sqrt(0.0064 * 60 / 0.8)
+    whole = postures[600 : 600 + round(16 * period / 0.01)]
+    shares = np.mean([p.standing for p in whole], axis=0)
+    assert shares[1 - affected] - shares[affected] == pytest.approx(0.08, abs=0.01)
+    assert slip(postures) < 0.0005
+
+
+def test_stiff_knee_flexes_less():
+    normal, stiff = (
+        np.degrees(
+            np.max([p.angles for p in walk(WalkingPerson(b), Straight(), 12.0)[600:]], axis=0)
+        )
+        for b in (Body(), Body(stiff_knee=StiffKnee(side="right", flexion=0.4)))
+    )
+    assert stiff[1] == pytest.approx(normal[1], abs=3.0)
+    # a foot that clears the ground leaves it more flexed than 15 deg + 0.4 of the rest
+    assert stiff[4] < normal[4] - 10.0
+
+
+def test_shuffle_makes_short_steps_at_a_high_cadence():
+    speed = 0.8
+    normal, shuffled = (
+        footfalls(walk(WalkingPerson(b), Straight(speed_m_s=speed, length_m=100.0), 20.0))
+        for b in (Body(), Body(shuffle=Shuffle(step_length=0.5)))
+    )
+    assert np.mean(step_lengths(shuffled)) == pytest.approx(
+        0.5 * np.mean(step_lengths(normal)), rel=0.02
+    )
+    assert len(shuffled) == pytest.approx(2 * len(normal), abs=2)
+
+
+def test_small_person_makes_shorter_steps_of_the_same_shape():
+    child = WalkingPerson(Body(height_m=1.2))
+    # same Froude number: same angles, lengths as the heights
+    slow = walk(child, Straight(speed_m_s=0.8, length_m=100.0), 14.0)
+    adult = walk(
+        WalkingPerson(Body()), Straight(speed_m_s=0.8 * math.sqrt(1.75 / 1.2), length_m=100.0), 14.0
+    )
+    ratio = np.mean(step_lengths(footfalls(slow))) / np.mean(step_lengths(footfalls(adult)))
+    assert ratio == pytest.approx(1.2 / 1.75, rel=0.02)
+    ranges = [np.ptp([p.angles for p in ps[600:]], axis=0) for ps in (slow, adult)]
+    assert np.degrees(ranges[0]) == pytest.approx(np.degrees(ranges[1]), abs=3.0)
+    assert slip(slow) < 0.0005
+
+
+@pytest.mark.parametrize(
+    "table", [{"height_m": 3.0}, {"rate_hz": 5.0}, {"limp": {"side": "both"}}, {"shufle": {}}]
+)
+def test_body_outside_of_its_ranges_is_refused(table):
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(table, Body)

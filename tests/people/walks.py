@@ -1,11 +1,11 @@
-"""What the tests of the body share: walks, footfalls, and angles by another way."""
+"""What the tests of people share: walks, footfalls, angles by another way, and derivatives."""
 
 import math
 
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.skeleton import INDEX, SIDES
-from mecazen_people.motion import Driven
+from mecazen_people.motion import DrivenWalk, with_gait
 from mecazen_people.paths import make_path
 
 SETTLED_S = 6.0
@@ -28,7 +28,7 @@ def walk(walker, path, duration, dt=0.01):
 
 def drive(walker, *legs, dt=0.01):
     """Return the postures of a person driven by twists, each for some time [s]."""
-    person = Driven(Pose2D(), 1e6, dt)
+    person = DrivenWalk(Pose2D(), 1e6, dt)
     postures = [walker.reset(person.motion)]
     for duration, *twist in legs:
         person.command(Twist2D(*twist))
@@ -97,3 +97,16 @@ def curve_errors(walker, postures, speed):
         for p in postures
     ]
     return np.degrees(np.array([p.angles for p in postures]) - wanted)
+
+
+def differences(path, gait, t, dt):
+    """Return the motion at a time [s], and its twist and speed by differences over 2 dt [s]."""
+    before, now, after = (
+        motion if gait is None else with_gait(motion, gait)
+        for motion in (path.at(t - dt), path.at(t), path.at(t + dt))
+    )
+    step = before.pose.between(after.pose)
+    x, y = now.pose.between(after.pose)[:2]
+    dx, dy = now.pose.between(before.pose)[:2]
+    twist = Twist2D((x - dx) / (2 * dt), (y - dy) / (2 * dt), step.yaw / (2 * dt))
+    return now, twist, (after.distance - before.distance) / (2 * dt)

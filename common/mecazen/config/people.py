@@ -188,9 +188,7 @@ class Body(Section):
     stride_cv: Annotated[float, msgspec.Meta(ge=0.0, le=0.1)] = 0.0
     """Coefficient of variation of the stride time; healthy adults have 0.01 to 0.03."""
     motion_file: Path | None = None
-    """Recorded walk (.bvh, .c3d, .mot, .trc) whose cycle replaces the normative curves."""
-    factors_file: Path | None = None
-    """Table in the form of `body/norm.toml` that replaces this file."""
+    """Recorded walk (.c3d, .mot, .trc) whose cycle replaces the normative curves."""
 
 
 class TargetConfig(Section):

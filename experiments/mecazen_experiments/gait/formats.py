@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from mecazen.skeleton import ANGLES, INDEX, JOINTS
-from mecazen_people.body.norm import PELVIS_TILT
+from mecazen_people.body.posture import PELVIS_TILT
 from scipy.spatial.transform import Rotation
 
 from mecazen_experiments.gait.events import Events

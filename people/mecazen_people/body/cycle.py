@@ -13,10 +13,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mecazen_people.body.norm import PELVIS_TILT, Factors, Fourier
-from mecazen_people.body.segments import Segments
-from mecazen_people.body.style import Style
+from mecazen_people.body.gait import Fourier, GaitFactors, Style
+from mecazen_people.body.posture import PELVIS_TILT, Segments
 
+SLOWEST, FASTEST, _SPEED_STEP = 0.2, 2.0, 0.2
+"""Speeds of the solved cycles: first, last and difference [m/s]."""
 SAMPLES = 100
 """Number of samples of the pelvis over the cycle, of a leg over its stance, and over its swing."""
 _HARMONICS = 8  # of the pelvis
@@ -39,7 +40,7 @@ class Swings(NamedTuple):
     arm: float
 
     @classmethod
-    def of(cls, factors: Factors) -> Swings:
+    def from_factors(cls, factors: GaitFactors) -> Swings:
         """Return the amplitudes of a row of the table."""
         return cls(
             factors.sway_m,
@@ -63,7 +64,7 @@ class Swings(NamedTuple):
         )
 
 
-class Leg(NamedTuple):
+class LegCycle(NamedTuple):
     """A leg over its stance (SAMPLES + 1 values), or its swing."""
 
     pitch: Sequence[float]
@@ -74,7 +75,7 @@ class Leg(NamedTuple):
     """Share of the way in the world from the last footprint to the next one; 0 in stance."""
 
 
-class Cycle(NamedTuple):
+class GaitCycle(NamedTuple):
     """A steady gait at one speed."""
 
     stride: float
@@ -86,7 +87,7 @@ class Cycle(NamedTuple):
     """Offset of the pelvis ahead of the path's pose over the left leg's phase, SAMPLES + 1 [m]."""
     height: Sequence[float]
     """Height of the pelvis [m]."""
-    legs: tuple[tuple[Leg, Leg], tuple[Leg, Leg]]
+    legs: tuple[tuple[LegCycle, LegCycle], tuple[LegCycle, LegCycle]]
     """Stance and swing of the left leg and of the right one."""
 
 
@@ -95,7 +96,7 @@ class _Solver:
 
     def __init__(self, style: Style, segments: Segments, speed: float) -> None:
         self._style, self._segments, self._speed = style, segments, speed
-        self.stride, self.swings = style.stride(speed), Swings.of(style.factors(speed))
+        self.stride, self.swings = style.stride(speed), Swings.from_factors(style.factors(speed))
         self.shares = style.stance_share(0, speed), style.stance_share(1, speed)
         self._leads = style.lead(0, speed), style.lead(1, speed)
         # between the samples, where neither leg's weight is exactly 0
@@ -150,7 +151,7 @@ class _Solver:
             height += weight * (roll_z + drop - z)
         return forward / total, height / total
 
-    def leg(self, side: int) -> tuple[Leg, Leg]:
+    def leg(self, side: int) -> tuple[LegCycle, LegCycle]:
         """Return a leg's stance and its swing."""
         share, parts = self.shares[side], [i / SAMPLES for i in range(SAMPLES + 1)]
         stance = [_stance_pitch(u, self._step(side, share * u)[0]) for u in parts]
@@ -173,14 +174,16 @@ class _Solver:
             for lift, bump in zip(_tied(lifts, 0.0, 0.0), bumps, strict=True)
         ]
         nothing = [0.0] * len(parts)
-        return Leg(stance, nothing, nothing), Leg(pitches, lifts, _tied(progresses, 0.0, 1.0))
+        return LegCycle(stance, nothing, nothing), LegCycle(
+            pitches, lifts, _tied(progresses, 0.0, 1.0)
+        )
 
 
-def solve(style: Style, segments: Segments, speed: float) -> Cycle:
+def solve(style: Style, segments: Segments, speed: float) -> GaitCycle:
     """Return the cycle at a `speed` [m/s]."""
     solver = _Solver(style, segments, speed)
     forward, height = zip(*(solver.pelvis(i / SAMPLES) for i in range(SAMPLES + 1)), strict=True)
-    return Cycle(
+    return GaitCycle(
         solver.stride,
         solver.shares,
         solver.leads,
@@ -189,6 +192,66 @@ def solve(style: Style, segments: Segments, speed: float) -> Cycle:
         height,
         (solver.leg(0), solver.leg(1)),
     )
+
+
+class GaitTable:
+    """The gait at any speed: solved cycles, interpolated linearly in speed and phase."""
+
+    def __init__(self, style: Style, segments: Segments) -> None:
+        count = round((FASTEST - SLOWEST) / _SPEED_STEP) + 1
+        self._cycles = [solve(style, segments, SLOWEST + i * _SPEED_STEP) for i in range(count)]
+        self.offset = style.offset
+        self._speed = -1.0
+        self.set_speed(0.0)
+
+    def _place(self, speed: float) -> tuple[int, float]:
+        place = (min(max(speed, SLOWEST), FASTEST) - SLOWEST) / _SPEED_STEP
+        i = min(int(place), len(self._cycles) - 2)
+        return i, place - i
+
+    def stride_at(self, speed: float) -> float:
+        """Return the stride length [m] at a speed [m/s], without setting it."""
+        i, b = self._place(speed)
+        return (1.0 - b) * self._cycles[i].stride + b * self._cycles[i + 1].stride
+
+    def set_speed(self, speed: float) -> None:
+        """Set the speed [m/s], limited to the range of the solved cycles."""
+        if speed == self._speed:
+            return  # as on most ticks
+        self._speed = speed
+        i, b = self._place(speed)
+        a = 1.0 - b
+        low, high = self._cycles[i], self._cycles[i + 1]
+        self._low, self._high, self._share = low, high, b
+        (p, q), (r, s) = low.stance_shares, high.stance_shares
+        self.shares = a * p + b * r, a * q + b * s
+        (p, q), (r, s) = low.leads, high.leads
+        self.leads = a * p + b * r, a * q + b * s
+        self.stride = a * low.stride + b * high.stride
+        self.swings = Swings._make([a * p + b * q for p, q in zip(low.swings, high.swings)])  # noqa: B905
+
+    def pelvis(self, phase: float) -> tuple[float, float]:
+        """Return the pelvis's forward place and its height at the left leg's phase [m]."""
+        low, high, b = self._low, self._high, self._share
+        return (
+            (1.0 - b) * _at(low.forward, phase) + b * _at(high.forward, phase),
+            (1.0 - b) * _at(low.height, phase) + b * _at(high.height, phase),
+        )
+
+    def stance_pitch(self, side: int, part: float) -> float:
+        """Return the pitch of a foot on the ground [rad] at a part of its stance."""
+        low, high, b = self._low.legs[side][0], self._high.legs[side][0], self._share
+        return (1.0 - b) * _at(low.pitch, part) + b * _at(high.pitch, part)
+
+    def swing(self, side: int, part: float) -> tuple[float, float, float]:
+        """Return pitch, lift and progress of a foot at a part of its swing: see `LegCycle`."""
+        low, high, b = self._low.legs[side][1], self._high.legs[side][1], self._share
+        a = 1.0 - b
+        return (
+            a * _at(low.pitch, part) + b * _at(high.pitch, part),
+            a * _at(low.lift, part) + b * _at(high.lift, part),
+            a * _at(low.progress, part) + b * _at(high.progress, part),
+        )
 
 
 def _stance_pitch(part: float, pitch: float) -> float:
@@ -217,3 +280,10 @@ def _smooth(u: float) -> float:
     """Return the smooth step from 0 at 0 to 1 at 1."""
     u = min(max(u, 0.0), 1.0)
     return u * u * (3.0 - 2.0 * u)
+
+
+def _at(values: Sequence[float], part: float) -> float:
+    """Return a table's value, interpolated at `part` of the table in [0, 1]."""
+    place = part * SAMPLES
+    i = min(int(place), SAMPLES - 1)
+    return values[i] + (place - i) * (values[i + 1] - values[i])

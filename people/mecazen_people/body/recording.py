@@ -11,15 +11,14 @@ from mecazen.portable import arctan2
 from numpy.typing import NDArray
 
 from mecazen_people.body.files import Array, MotionFile, read
-from mecazen_people.body.norm import PELVIS_TILT, Fourier
-from mecazen_people.body.segments import Segments
-from mecazen_people.body.style import Curves, Reference
+from mecazen_people.body.gait import Fourier, Gait, LegCurves
+from mecazen_people.body.posture import PELVIS_TILT, Segments
 
 _NAMES = {
-    "hip": ("{}Hip", "{}UpLeg", "{}.HJC", "{}HJC", "{}FEP"),
-    "knee": ("{}Knee", "{}Leg", "{}.Knee", "{}KJC", "{}FEO", "{}KNE", "{}_knee"),
-    "ankle": ("{}Ankle", "{}Foot", "{}.Ankle", "{}AJC", "{}TIO", "{}ANK", "{}_ankle"),
-    "toe": ("{}Ball", "{}Toe", "{}ToeBase", "{}.Toe", "{}TOO", "{}TOE", "{}BigToe", "{}_toe"),
+    "hip": ("{}Hip", "{}.HJC", "{}HJC", "{}FEP"),
+    "knee": ("{}Knee", "{}.Knee", "{}KJC", "{}FEO", "{}KNE", "{}_knee"),
+    "ankle": ("{}Ankle", "{}.Ankle", "{}AJC", "{}TIO", "{}ANK", "{}_ankle"),
+    "toe": ("{}Ball", "{}Toe", "{}.Toe", "{}TOO", "{}TOE", "{}BigToe", "{}_toe"),
     "asis": ("{}.ASIS", "{}ASIS", "{}ASI"),
 }
 """Names of points by joint, the most exact first; {} is the side. Sources:
@@ -31,7 +30,6 @@ _NAMES = {
 - `{}FEP`, `{}FEO`, `{}TIO`, `{}TOO`: the bones of Plug-in Gait (Vicon Nexus, Plug-in Gait bones);
   `{}KNE`, `{}ANK`, `{}TOE`, `{}ASI`: its markers; `{}HJC`, `{}KJC`, `{}AJC`: joint centres.
 - `{}.HJC`, `{}.Knee`, `{}.Ankle`, `{}.Toe`, `{}.ASIS`: OpenSim's gait2392.
-- `{}UpLeg`, `{}Leg`, `{}Foot`, `{}ToeBase`: BVH of Mixamo and others.
 """
 _SIDES = (("Left", "L", "l"), ("Right", "R", "r"))
 _UPRIGHT = 0.8  # least part of the way from ankles to hips along the vertical axis
@@ -41,7 +39,7 @@ _IRREGULAR = 0.3  # largest deviation of a cycle, as a share of the usual length
 _FLAT = (0.3, 0.5)  # part of the stance in which the foot is taken as flat
 
 
-def read_recording(file: Path, segments: Segments) -> Reference:
+def read_recording(file: Path, segments: Segments) -> Gait:
     """Read a recorded walk on level ground, straight on or on a treadmill.
 
     The result has the sagittal angles, the stance shares, the phase between the legs, and the
@@ -49,11 +47,11 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     ball of the foot is furthest behind (after J. A. Zeni et al., Gait & Posture 27, 2008). The
     speed is that of the standing foot relative to the hips, computed with `segments`.
     """
-    track = read(file)
+    motion = read(file)
     try:
-        track = track._replace(values=_named(track.values))
-        legs = _whole(np.array([_angles(track, side) for side in (0, 1)]))
-        cycles = [_Cycles(track.rate_hz, leg, segments) for leg in legs]
+        motion = motion._replace(values=_named(motion.values))
+        legs = _whole(np.array([_angles(motion, side) for side in (0, 1)]))
+        cycles = [_Cycles(motion.rate_hz, leg, segments) for leg in legs]
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
     left, right = cycles
@@ -61,7 +59,7 @@ def read_recording(file: Path, segments: Segments) -> Reference:
     leads = [(b - c) / (b - a) for a, b in left.cycles for c in right.strikes if a < c < b]
     leads += [(c - a) / (b - a) for a, b in right.cycles for c in left.strikes if a < c < b]
     speed = (left.speed + right.speed) / 2
-    return Reference(
+    return Gait(
         speed,
         (left.share, right.share),
         speed * period,
@@ -89,11 +87,11 @@ def _whole(angles: Array) -> Array:
     return angles[:, :, edges[longest] + 1 : edges[longest + 1]]
 
 
-def _up(track: MotionFile) -> int:
+def _up(motion: MotionFile) -> int:
     """Return the axis that points up: from the ankles to the hips, in the mean."""
-    hips = [_pelvis(track, side) for side in (0, 1)]
-    way = np.array([hip - _point(track, "ankle", side) for side, hip in enumerate(hips)])
-    mean = np.nan_to_num(way).mean(axis=(0, 1))
+    hips = [_pelvis(motion, side) for side in (0, 1)]
+    above = np.array([hip - _point(motion, "ankle", side) for side, hip in enumerate(hips)])
+    mean = np.nan_to_num(above).mean(axis=(0, 1))
     up = int(np.argmax(np.abs(mean)))
     if not mean[up] > _UPRIGHT * float(np.sqrt((mean * mean).sum())):
         shown = ", ".join(f"{value:.3g}" for value in mean)
@@ -103,9 +101,9 @@ def _up(track: MotionFile) -> int:
     return up
 
 
-def _angles(track: MotionFile, side: int) -> Array:
+def _angles(motion: MotionFile, side: int) -> Array:
     """Return hip, knee and ankle [rad] over the frames (3, n); the ankle's offset is unknown."""
-    values, letter = track.values, ("l", "r")[side]
+    values, letter = motion.values, ("l", "r")[side]
     names = (
         *(f"{name}_{letter}" for name in ("hip_flexion", "knee_angle", "ankle_angle")),
         "pelvis_tilt",
@@ -114,18 +112,18 @@ def _angles(track: MotionFile, side: int) -> Array:
         hip, knee, ankle, tilt = (values[name] for name in names)
         flexion = -knee if knee.mean() < 0.0 else knee  # both signs are in use
         return np.array([hip + tilt + PELVIS_TILT, flexion, ankle])
-    up = _up(track)
-    near, far = (_pelvis(track, s) for s in (side, 1 - side))
+    up = _up(motion)
+    near, far = (_pelvis(motion, s) for s in (side, 1 - side))
     across = (near - far) * (1 - 2 * side)
     across[:, up] = 0.0
-    across = _mean_over(across, round(_HEADING_S * track.rate_hz))
+    across = _mean_over(across, round(_HEADING_S * motion.rate_hz))
     forward = np.cross(across, np.eye(3)[up])
     length = np.sqrt((forward * forward).sum(axis=1, keepdims=True))
     if not (length > 0.0).all():
         raise ConfigError("must have its hips side by side")
     forward /= length
-    knee, ankle, toe = (_point(track, name, side) for name in ("knee", "ankle", "toe"))
-    hip = _hip(track, side, forward, up)
+    knee, ankle, toe = (_point(motion, name, side) for name in ("knee", "ankle", "toe"))
+    hip = _hip(motion, side, forward, up)
     if np.nansum((toe - ankle) * forward) < 0.0:
         raise ConfigError(
             "has its toes behind its ankles: left and right are swapped, or an axis is mirrored"
@@ -139,24 +137,24 @@ def _angles(track: MotionFile, side: int) -> Array:
     return np.array([thigh_angle + PELVIS_TILT, thigh_angle - shank_angle, pitch - shank_angle])
 
 
-def _hip(track: MotionFile, side: int, forward: Array, up: int) -> Array:
+def _hip(motion: MotionFile, side: int, forward: Array, up: int) -> Array:
     """Return a hip joint's centre (n, 3); if it is not recorded, from the markers on the pelvis.
 
     The centre is 14 % of the markers' distance inwards, 19 % behind and 30 % below (A. L. Bell et
     al., J. Biomech. 23, 1990).
     """
-    if _found(track, "hip", side) is not None:
-        return _point(track, "hip", side)
-    near, far = _point(track, "asis", side), _point(track, "asis", 1 - side)
+    if _marker(motion, "hip", side) is not None:
+        return _point(motion, "hip", side)
+    near, far = _point(motion, "asis", side), _point(motion, "asis", 1 - side)
     width = np.sqrt(((near - far) ** 2).sum(axis=1, keepdims=True))
     down = np.eye(3)[up]
     centre: Array = near + 0.14 * (far - near) - width * (0.19 * forward + 0.30 * down)
     return centre
 
 
-def _pelvis(track: MotionFile, side: int) -> Array:
-    marker = _found(track, "asis", side)
-    return _point(track, "hip", side) if marker is None else marker
+def _pelvis(motion: MotionFile, side: int) -> Array:
+    marker = _marker(motion, "asis", side)
+    return _point(motion, "hip", side) if marker is None else marker
 
 
 def _mean_over(values: Array, width: int) -> Array:
@@ -168,14 +166,14 @@ def _mean_over(values: Array, width: int) -> Array:
     return mean
 
 
-def _found(track: MotionFile, joint: str, side: int) -> Array | None:
+def _marker(motion: MotionFile, joint: str, side: int) -> Array | None:
     names = (name.format(text) for name in _NAMES[joint] for text in _SIDES[side])
-    found = (track.values[name] for name in names if name in track.values)
-    return next((point for point in found if point.ndim == 2), None)
+    points = (motion.values[name] for name in names if name in motion.values)
+    return next((point for point in points if point.ndim == 2), None)
 
 
-def _point(track: MotionFile, joint: str, side: int) -> Array:
-    if (point := _found(track, joint, side)) is None:
+def _point(motion: MotionFile, joint: str, side: int) -> Array:
+    if (point := _marker(motion, joint, side)) is None:
         names = ", ".join(name.format(_SIDES[side][1]) for name in _NAMES[joint])
         raise ConfigError(f"has no point for the {_SIDES[side][0].lower()} {joint}; known: {names}")
     return point
@@ -212,7 +210,7 @@ class _Cycles:
         mean[2] -= (mean[0] - PELVIS_TILT - mean[1] + mean[2])[flat].mean()
         slopes = [(ahead[b] - ahead[a]) / (b - a) for a, b in self._stances()]
         self.speed = max(-float(np.mean(slopes)) * rate_hz, 0.05)
-        self.curves: Curves = (Fourier(mean[0]), Fourier(mean[1]), Fourier(mean[2]))
+        self.curves: LegCurves = (Fourier(mean[0]), Fourier(mean[1]), Fourier(mean[2]))
 
     def _stances(self) -> list[tuple[int, int]]:
         """Return the frames from 15 to 75 % of each stance, in which the ankle hardly rises."""

@@ -10,13 +10,11 @@ from mecazen.config.people import Body
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from numpy.random import PCG64, Generator
 
-from mecazen_people.body.lookup import SLOWEST, Lookup
-from mecazen_people.body.norm import TABLE, read_norm
-from mecazen_people.body.posture import Point, Posture, sagittal_angles
+from mecazen_people.body.cycle import SLOWEST, GaitTable
+from mecazen_people.body.gait import Style, normal_gait
+from mecazen_people.body.posture import Point, Posture, Segments, sagittal_angles
 from mecazen_people.body.recording import read_recording
-from mecazen_people.body.segments import Segments
-from mecazen_people.body.style import Style, reference
-from mecazen_people.motion import Motion
+from mecazen_people.motion import PersonMotion
 
 _LAG_S = 0.08  # each of two lags in series, for the twist and for starts and stops
 _STILL_M_S, _STILL_RAD_S = 0.01, 0.02  # below both the person stands
@@ -53,7 +51,7 @@ class _Leg:
         self.lift = 0.0
 
 
-class Walker:
+class WalkingPerson:
     """A body on its path, step by step.
 
     The path's pose is the body's frame: x forward, y left. In the middle of its stance a foot is
@@ -65,29 +63,28 @@ class Walker:
     """
 
     def __init__(self, body: Body) -> None:
-        norm = read_norm(body.factors_file or TABLE)
-        self.segments = Segments.of(body.height_m)
-        gait = reference(norm)
+        self.segments = Segments.from_height(body.height_m)
+        gait = normal_gait()
         if body.motion_file is not None:
             gait = read_recording(body.motion_file, self.segments)
-        self.style = Style(body, norm.factors, gait)
-        self._gait = Lookup(self.style, self.segments)
+        self.style = Style(body, gait)
+        self._gait = GaitTable(self.style, self.segments)
         self._stride_cv = body.stride_cv
-        self.reset(Motion(Pose2D()))
+        self.reset(PersonMotion(Pose2D()))
 
-    def twin(self) -> Walker:
+    def twin(self) -> WalkingPerson:
         """Return another walker with the same body, which reuses the solved gait."""
         twin = copy(self)
         twin._gait = copy(self._gait)
-        twin.reset(Motion(Pose2D()))
+        twin.reset(PersonMotion(Pose2D()))
         return twin
 
-    def reset(self, motion: Motion, *seed: int) -> Posture:
+    def reset(self, motion: PersonMotion, *seed: int) -> Posture:
         """Stand at the pose of `motion` and return the posture; `seed` draws the stride times."""
         self._chance = Generator(PCG64(seed or 0))
         return self._stand(motion)
 
-    def _stand(self, motion: Motion) -> Posture:
+    def _stand(self, motion: PersonMotion) -> Posture:
         self._stretch = 1.0
         self._pose = motion.pose
         self._phase = 0.0
@@ -98,7 +95,7 @@ class Walker:
         self._legs = [_Leg(motion.pose.compose(self._nominal(side, 0.0))) for side in (0, 1)]
         return self._posture()
 
-    def follow(self, motion: Motion, dt_s: float) -> Posture:
+    def follow(self, motion: PersonMotion, dt_s: float) -> Posture:
         """Advance by any time `dt_s` [s] to `motion` and return the posture there.
 
         After a gap of more than 1 s, or a step back in time, the body stands at the new pose.
@@ -108,10 +105,10 @@ class Walker:
         steps = max(math.ceil(dt_s / _STEP_S), 1)
         for left in range(steps - 1, 0, -1):
             pose = motion.pose.integrate(motion.twist, -left * dt_s / steps)
-            self.step(Motion(pose, motion.twist), dt_s / steps)
+            self.step(PersonMotion(pose, motion.twist), dt_s / steps)
         return self.step(motion, dt_s / steps)
 
-    def step(self, motion: Motion, dt_s: float) -> Posture:
+    def step(self, motion: PersonMotion, dt_s: float) -> Posture:
         """Advance by a short time `dt_s` [s] to `motion` and return the posture there."""
         self._pose = motion.pose
         x, y, yaw = motion.twist

@@ -11,9 +11,9 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen_people.body.walker import Walker as Body
+from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.crowd import Pedestrians, agent_at, errand_of, random_errands
-from mecazen_people.motion import Motion, Path
+from mecazen_people.motion import PersonMotion, PersonPath
 from mecazen_people.paths import check_path, make_path
 
 ROBOT_MARGIN_M = 0.1
@@ -38,10 +38,10 @@ class CrowdNode(Node):
             self.paths += [None] * config.reactive.count
             bodies += [config.reactive.body] * config.reactive.count
         self.heights = [body.height_m for body in bodies]
-        self.bodies: list[Body] = []
+        self.bodies: list[WalkingPerson] = []
         if "skeleton" in scenario.sensor.features:
             # computing a body's gait takes longer than simulating a minute of walking
-            made = {body: Body(body) for body in dict.fromkeys(bodies)}
+            made = {body: WalkingPerson(body) for body in dict.fromkeys(bodies)}
             self.bodies = [made[body].twin() for body in bodies]
         self.radius = scenario.world.person.radius_m
         self.reach = {
@@ -82,7 +82,7 @@ class CrowdNode(Node):
         header = m.Header(stamp=tick.time, frame_id="world")
         return {PEOPLE: m.People(header, tuple(persons), tuple(robots))}
 
-    def _walk(self, time: float, steps: int) -> list[Motion]:
+    def _walk(self, time: float, steps: int) -> list[PersonMotion]:
         """Return the walkers' motions at a time [s], a number of steps after the last one."""
         on_paths = [None if path is None else path.at(time) for path in self.paths]
         agents = [agent_at(*motion[:2], self.radius) for motion in on_paths if motion is not None]
@@ -107,7 +107,7 @@ class CrowdNode(Node):
         pose, twist = odometry.pose.pose, odometry.twist.twist
         return m.Person(name or "target", pose, twist, skeleton.height, skeleton.joints)
 
-    def _walker(self, number: int, motion: Motion, gap_s: float | None) -> m.Person:
+    def _walker(self, number: int, motion: PersonMotion, gap_s: float | None) -> m.Person:
         """Return a walker, `gap_s` [s] after the last sample; None in the first one of a run."""
         joints: tuple[m.Point, ...] = ()
         if self.bodies:
@@ -125,7 +125,7 @@ class CrowdNode(Node):
         return {"walkers": len(self.paths)}
 
 
-def _path(scenario: Scenario, number: int, walker: Walker) -> Path | None:
+def _path(scenario: Scenario, number: int, walker: Walker) -> PersonPath | None:
     """Return the path of a walker; None if the walker reacts to others."""
     if isinstance(walker.path, Goal):
         return None

@@ -19,9 +19,9 @@ from mecazen.keys import (
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_people.body.posture import Posture
-from mecazen_people.body.walker import Walker
+from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.crowd import Agent, Pedestrians, agent_at, errand_of
-from mecazen_people.motion import Driven, Motion, with_gait
+from mecazen_people.motion import DrivenWalk, PersonMotion, with_gait
 from mecazen_people.paths import check_path, make_path, start_pose
 
 from mecazen_target.sensor import Frame, Sensor, latency_ticks
@@ -48,16 +48,16 @@ class TargetNode(Node):
         scenario.sensor.ticks_per_frame(scenario.sim.tick_s)
         latency_ticks(scenario.sensor, scenario.sim.tick_s)
         self.sees_pose = "pose" in scenario.sensor.features
-        self.walker: Walker | None = None
+        self.walker: WalkingPerson | None = None
         if "skeleton" in scenario.sensor.features:
-            self.walker = Walker(self.config.body)
+            self.walker = WalkingPerson(self.config.body)
             self.skeleton_period = scenario.ticks_per("sensors.skeleton_rate_hz")
 
     def reset(self, seed: int) -> None:
         """Place the person at the start, with noise from `seed`."""
         path, tick_s = self.config.path, self.scenario.sim.tick_s
         timeout_s = path.timeout_s if isinstance(path, people.Driven) else 0.0
-        self.driven = Driven(start_pose(path), timeout_s, tick_s)
+        self.driven = DrivenWalk(start_pose(path), timeout_s, tick_s)
         self.pedestrian: Pedestrians | None = None
         self.crowd: list[Agent] = []
         if isinstance(path, people.Goal):
@@ -106,7 +106,7 @@ class TargetNode(Node):
             phases=posture.phases,
         )
 
-    def motion_at(self, tick: int) -> Motion:
+    def motion_at(self, tick: int) -> PersonMotion:
         """Return the motion at a tick, which is not before the last one."""
         tick_s, missed = self.scenario.sim.tick_s, tick - self.tick
         if self.path is not None:

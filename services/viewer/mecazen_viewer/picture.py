@@ -18,8 +18,8 @@ from mecazen.limits import FARTHEST_M
 from mecazen.portable import Floats
 from mecazen.robot import WHEELS
 from mecazen.urdf import RobotDescription, read
-from mecazen_people.body.walker import Walker
-from mecazen_people.motion import Motion
+from mecazen_people.body.walker import WalkingPerson
+from mecazen_people.motion import PersonMotion
 
 from mecazen_viewer import layout, panels, scene, senses
 from mecazen_viewer.layout import path_of_robot
@@ -165,7 +165,7 @@ class Picture:
         pose = _planar(odom)
         self._place(layout.PERSON, scene.planar_frame(pose))
         if not self._has_skeleton:
-            self._walk(Motion(pose, odom.twist.twist.to_planar()), time_ns)
+            self._walk(PersonMotion(pose, odom.twist.twist.to_planar()), time_ns)
         self._extend_trail("person", self._person, time_ns, pose)
         # a follower that publishes its state has the errors plotted with it
         reports = time_ns - self._drawn_ns.get(layout.ESTIMATE, -SILENCE_NS) < SILENCE_NS
@@ -341,9 +341,9 @@ def nees(estimate: Pose2D, truth: Pose2D, covariance: Floats) -> float:
 
 
 @cache
-def _walker(height_m: float) -> Walker:
+def _walker(height_m: float) -> WalkingPerson:
     """Return the walker whose gait all bodies of a height share: computing a gait takes 0.2 s."""
-    return Walker(Body(height_m=height_m))
+    return WalkingPerson(Body(height_m=height_m))
 
 
 def _planar(odom: m.Odometry) -> Pose2D:
