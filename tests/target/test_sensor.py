@@ -1,15 +1,16 @@
-"""The sensor's observations: their content, time and noise."""
+"""The sensor's observations: their content, time, noise and faults."""
 
 import math
 import statistics
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.config import SensorConfig
+from mecazen.config import SensorConfig, SensorFaults
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D
-from mecazen_target.sensor import NOISE_FRAMES, Frame, Sensor
+from mecazen.geometry import Pose2D, wrap
+from mecazen_target.sensor import NOISE_FRAMES, Sensor, SensorFrame
 
 TICK_S = 0.01
 PERFECT = {"rate_hz": 100.0, "position_std_m": 0.0, "yaw_std_deg": 0.0}
@@ -20,7 +21,7 @@ def sensor(seed: int = 0, **settings: object) -> Sensor:
     return Sensor(SensorConfig(**settings), seed, TICK_S)
 
 
-def frames(sensor: Sensor, count: int, per_frame: int = 4) -> list[Frame]:
+def frames(sensor: Sensor, count: int, per_frame: int = 4) -> list[SensorFrame]:
     seen = (sensor.observe(tick, ROBOT, PERSON) for tick in range(count * per_frame))
     return [frame for frame in seen if frame is not None]
 
@@ -42,7 +43,7 @@ def test_tick_that_never_came_is_not_seen():
     eye = sensor(**PERFECT, latency_s=0.02)
     for tick in (0, 1):
         eye.observe(tick, ROBOT, PERSON)
-    assert eye.observe(5, ROBOT, PERSON) == Frame(3, None)
+    assert eye.observe(5, ROBOT, PERSON) == SensorFrame(3, None)
 
 
 @given(
@@ -56,11 +57,6 @@ def test_person_is_seen_in_the_field_of_view_and_the_range(bearing, distance, ro
     outside = max(abs(math.degrees(bearing)) - fov / 2, distance - 7.0)
     if abs(outside) > 1e-9:  # on the edge itself rounding decides
         assert (frame.pose is None) == (outside > 0.0)
-
-
-def test_person_behind_is_seen_all_around():
-    frame = sensor(**PERFECT, fov_deg=360.0).observe(0, ROBOT, Pose2D(-2.0, 0.0, 0.0))
-    assert frame == Frame(0, Pose2D(-2.0, 0.0, 0.0))
 
 
 def test_occlusion_hides_what_is_captured_from_its_begin_until_its_end():
@@ -81,14 +77,8 @@ def test_noise_has_the_configured_spread_and_no_bias():
         # Standard errors are 1/sqrt(n) of the mean and 1/sqrt(2n) of the deviation: 4 of each.
         assert statistics.fmean(errors) == pytest.approx(0.0, abs=4 * std / 256)
         assert statistics.stdev(errors) == pytest.approx(std, rel=4 / 362)
-
-
-def test_axes_and_neighbouring_frames_are_independent():
-    eye = sensor(rate_hz=100.0, position_std_m=1.0)
-    xs, ys = zip(*(f.pose[:2] for f in frames(eye, 20_000, 1) if f.pose is not None), strict=True)
-    # A correlation of nothing has the standard error 1/sqrt(20000) = 0.007: 4 of them.
-    assert abs(statistics.correlation(xs, ys)) < 0.03
-    assert abs(statistics.correlation(xs[1:], xs[:-1])) < 0.03
+        # of frames that follow each other: a standard error of 1/256
+        assert abs(statistics.correlation(errors[1:], errors[:-1])) < 4 / 256
 
 
 def test_noise_starts_again_after_its_array():
@@ -96,12 +86,6 @@ def test_noise_starts_again_after_its_array():
     first = eye.observe(0, ROBOT, PERSON)
     again = eye.observe(NOISE_FRAMES, ROBOT, PERSON)
     assert again.pose == first.pose
-
-
-def test_dropouts_come_as_often_as_configured():
-    eye = sensor(rate_hz=100.0, dropout_probability=0.3)
-    dropped = statistics.fmean(f.pose is None for f in frames(eye, 10_000, 1))
-    assert dropped == pytest.approx(0.3, abs=4 * math.sqrt(0.3 * 0.7 / 10_000))  # 4 deviations
 
 
 @pytest.mark.parametrize(
@@ -123,3 +107,74 @@ def test_frame_holds_plain_floats_and_a_wrapped_yaw():
     for frame in frames(eye, 1000, 1):
         assert all(type(value) is float for value in frame.pose)
         assert -math.pi < frame.pose.yaw <= math.pi
+
+
+def faulty(count, faults, **settings):
+    """Return the frames of as many ticks."""
+    config = SensorConfig(**{**PERFECT, **settings}, faults=SensorFaults(**faults))
+    sensor = Sensor(config, 1, TICK_S)
+    return [sensor.observe(tick, ROBOT, PERSON) for tick in range(count)], sensor
+
+
+def test_outliers_lie_2_m_away_in_any_direction():
+    seen, _ = faulty(5000, {"outlier_probability": 0.02})
+    off = [PERSON.distance(frame.pose) for frame in seen]
+    out = [frame.pose for frame, way in zip(seen, off, strict=True) if way > 1e-9]
+    # 100 of 5000 with a deviation of 10
+    assert len(out) == pytest.approx(100, abs=40)
+    assert [PERSON.distance(pose) for pose in out] == pytest.approx([2.0] * len(out))
+    x, y = (np.array([getattr(pose, axis) for pose in out]) for axis in ("x", "y"))
+    assert abs(x.mean() - PERSON.x) < 0.6
+    assert abs(y.mean() - PERSON.y) < 0.6
+
+
+def test_flips_show_the_person_from_behind():
+    seen, _ = faulty(5000, {"flip_probability": 0.03})
+    turned = [abs(wrap(frame.pose.yaw - PERSON.yaw)) for frame in seen]
+    assert sum(turn > 3.0 for turn in turned) == pytest.approx(150, abs=50)
+    assert all(turn == pytest.approx(math.pi) or turn < 1e-9 for turn in turned)
+
+
+def test_correlated_noise_has_the_same_variance_and_decays_as_said():
+    seen, _ = faulty(60_000, {"noise_correlation_s": 0.5}, position_std_m=0.05)
+    x = np.array([frame.pose.x for frame in seen]) - PERSON.x
+    # 600 s are some 600 independent halves of a second: the variance is known to 6 %
+    assert x.std() == pytest.approx(0.05, rel=0.1)
+    assert (x[50:] * x[:-50]).mean() / x.var() == pytest.approx(math.exp(-1.0), abs=0.1)
+
+
+def test_a_wrong_data_sheet_changes_the_report_and_not_the_noise():
+    noisy = {"position_std_m": 0.05, "yaw_std_deg": 5.0}
+    right, sheet = faulty(100, {}, **noisy)
+    wrong, liar = faulty(100, {"reported_noise_ratio": 0.5}, **noisy)
+    assert wrong == right
+    assert liar.covariance == pytest.approx([number / 4.0 for number in sheet.covariance])
+
+
+def test_an_unsaid_latency_is_in_the_stamp():
+    seen, _ = faulty(30, {"unsaid_latency_s": 0.1}, latency_s=0.05)
+    assert [frame.capture_tick for frame in seen[15:]] == list(range(15))
+
+
+def test_a_second_person_walks_beside_and_stands_in():
+    faults = {"other_m": 1.0, "stand_ins_s": ((0.1, 0.2),)}
+    beside = PERSON._replace(y=PERSON.y + 1.0)
+    seen, _ = faulty(30, faults)
+    for frame in (*seen[:10], *seen[20:]):
+        assert (frame.pose, frame.other) == (PERSON, beside)
+    assert {frame.other_first for frame in seen} == {False, True}
+    assert {(frame.pose, frame.other) for frame in seen[10:20]} == {(beside, None)}
+    alone, _ = faulty(10, {**faults, "other_seen": False})
+    assert all(frame.other is None for frame in alone)
+
+
+@pytest.mark.parametrize(
+    ("faults", "message"),
+    [
+        ({"stand_ins_s": ((1.0, 2.0),)}, "needs faults.other_m"),
+        ({"other_m": 1.0, "stand_ins_s": ((2.0, 1.0),)}, "must end after it begins"),
+    ],
+)
+def test_a_stand_in_needs_somebody_and_some_time(faults, message):
+    with pytest.raises(ValueError, match=message):
+        SensorFaults(**faults)

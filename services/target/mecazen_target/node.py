@@ -24,7 +24,7 @@ from mecazen_people.crowd import Agent, Pedestrians, agent_at, errand_of
 from mecazen_people.motion import DrivenWalk, PersonMotion, with_gait
 from mecazen_people.paths import check_path, make_path, start_pose
 
-from mecazen_target.sensor import Frame, Sensor, latency_ticks
+from mecazen_target.sensor import Sensor, SensorFrame, latency_ticks
 
 BODY_STREAM = 2
 """Stream number of the strides, used with the seed: they are separate from noise and faults."""
@@ -132,7 +132,7 @@ class TargetNode(Node):
             if person.id != robot
         ]
 
-    def _message(self, frame: Frame) -> m.Observation:
+    def _message(self, frame: SensorFrame) -> m.Observation:
         captured = m.Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)
         header = m.Header(stamp=captured, frame_id=self.scenario.sensor.frame)
         covariance = self.sensor.covariance
