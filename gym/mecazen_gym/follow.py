@@ -181,12 +181,12 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
             InvalidAction: The action is not three numbers.
         """
         try:
-            wanted = np.asarray(action, float)
+            values = np.asarray(action, float)
         except (TypeError, ValueError):  # text, or rows of several lengths
-            wanted = np.empty(0)
-        if wanted.shape != (3,) or not np.isfinite(wanted).all():
+            values = np.empty(0)
+        if values.shape != (3,) or not np.isfinite(values).all():
             raise gymnasium.error.InvalidAction(f"an action is three numbers, got {action!r}")
-        return wanted
+        return values
 
     def action(self, twist: Twist2D) -> Array:
         """Return the action that commands a twist of base_link as closely as possible."""

@@ -38,19 +38,19 @@ LEAST_M = 0.05
 
 
 def repulsion(
-    places: Floats, heading: Floats, others: Floats, velocities: Floats, touching: Floats
+    places: Floats, heading: Floats, neighbours: Floats, velocities: Floats, touching: Floats
 ) -> Floats:
     """Return the acceleration of each of n people by each of m others (n, m, 2) [m/s²].
 
     Args:
         places: Places of the people (n, 2) [m].
         heading: Unit vectors of the directions in which the people want to go (n, 2), or zeros.
-        others: Places of the others (m, 2) [m].
+        neighbours: Places of the others (m, 2) [m].
         velocities: Velocities of the others (m, 2) [m/s].
         touching: Distance of centres at which the bodies touch (n, m) [m]; infinite where there is
             no force, such as from the person themselves.
     """
-    apart = places[:, None] - others
+    apart = places[:, None] - neighbours
     distance = np.maximum(_length(apart), 1e-9)
     away = apart / distance[..., None]
     step = velocities * STRIDE_S
@@ -96,16 +96,16 @@ def nearest(places: Floats, thing: Box | Cylinder) -> tuple[Floats, Floats]:
     inside = distance == 0.0
     # inside, the way out leads through the nearest face
     face = np.where(over == over.max(axis=1, keepdims=True), 1.0, 0.0)
-    way = np.sign(local) * np.where(inside[:, None], face, outside)
-    way /= np.maximum(_length(way), 1e-9)[:, None]
-    turned = way[:, :1] * axes[0] + way[:, 1:] * axes[1]
+    outward = np.sign(local) * np.where(inside[:, None], face, outside)
+    outward /= np.maximum(_length(outward), 1e-9)[:, None]
+    turned = outward[:, :1] * axes[0] + outward[:, 1:] * axes[1]
     return turned, np.where(inside, over.max(axis=1), distance)
 
 
-def limited(vectors: Floats, most: Floats | float) -> Floats:
-    """Return vectors (n, 2), none longer than `most`."""
+def limited(vectors: Floats, longest: Floats | float) -> Floats:
+    """Return vectors (n, 2), none longer than `longest`."""
     length = np.maximum(_length(vectors), 1e-9)
-    shorter: Floats = vectors * np.minimum(1.0, most / length)[:, None]
+    shorter: Floats = vectors * np.minimum(1.0, longest / length)[:, None]
     return shorter
 
 

@@ -55,14 +55,14 @@ class ScriptedWalk:
     ) -> None:
         self._cells: list[PersonMotion] = []
         pose, twist, walked, end = Pose2D(), Twist2D(), 0.0, 0.0
-        for duration, wanted in (*steps, (math.inf, Twist2D())):
+        for duration, goal in (*steps, (math.inf, Twist2D())):
             end += duration
             while len(self._cells) * _CELL_S < end - 1e-9:
-                if twist == wanted and math.isinf(end):
+                if twist == goal and math.isinf(end):
                     break
                 before = twist
                 change = acceleration * _CELL_S, yaw_acceleration * _CELL_S
-                twist = _towards(twist, wanted, *change)
+                twist = _towards(twist, goal, *change)
                 middle = Twist2D(*((a + b) / 2 for a, b in zip(before, twist, strict=True)))
                 self._cells.append(PersonMotion(pose, middle, walked))
                 pose = pose.integrate(middle, _CELL_S)
@@ -178,13 +178,13 @@ def _side(turn: config.Turn) -> float:
     return 1.0 if turn == "left" else -1.0
 
 
-def _towards(twist: Twist2D, wanted: Twist2D, linear: float, yaw: float) -> Twist2D:
-    """Return a twist moved towards `wanted` by at most `linear` and `yaw`."""
-    dx, dy, dw = wanted.x - twist.x, wanted.y - twist.y, wanted.yaw - twist.yaw
+def _towards(twist: Twist2D, goal: Twist2D, linear: float, yaw: float) -> Twist2D:
+    """Return a twist moved towards `goal` by at most `linear` and `yaw`."""
+    dx, dy, dw = goal.x - twist.x, goal.y - twist.y, goal.yaw - twist.yaw
     size = math.hypot(dx, dy)
     share = min(1.0, linear / size) if size else 0.0
     return Twist2D(
-        wanted.x if share == 1.0 else twist.x + share * dx,
-        wanted.y if share == 1.0 else twist.y + share * dy,
-        wanted.yaw if abs(dw) <= yaw else twist.yaw + math.copysign(yaw, dw),
+        goal.x if share == 1.0 else twist.x + share * dx,
+        goal.y if share == 1.0 else twist.y + share * dy,
+        goal.yaw if abs(dw) <= yaw else twist.yaw + math.copysign(yaw, dw),
     )

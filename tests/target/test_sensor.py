@@ -161,11 +161,11 @@ def test_a_second_person_walks_beside_and_stands_in():
     beside = PERSON._replace(y=PERSON.y + 1.0)
     seen, _ = faulty(30, faults)
     for frame in (*seen[:10], *seen[20:]):
-        assert (frame.pose, frame.other) == (PERSON, beside)
-    assert {frame.other_first for frame in seen} == {False, True}
-    assert {(frame.pose, frame.other) for frame in seen[10:20]} == {(beside, None)}
+        assert (frame.pose, frame.second) == (PERSON, beside)
+    assert {frame.second_first for frame in seen} == {False, True}
+    assert {(frame.pose, frame.second) for frame in seen[10:20]} == {(beside, None)}
     alone, _ = faulty(10, {**faults, "other_seen": False})
-    assert all(frame.other is None for frame in alone)
+    assert all(frame.second is None for frame in alone)
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ class _Solver:
         self.shares = style.stance_share(0, speed), style.stance_share(1, speed)
         self._leads = style.lead(0, speed), style.lead(1, speed)
         # between the samples, where neither leg's weight is exactly 0
-        places = [self._wanted((i + 0.5) / SAMPLES) for i in range(SAMPLES)]
+        places = [self._pelvis_over_feet((i + 0.5) / SAMPLES) for i in range(SAMPLES)]
         self._forward = Fourier([x for x, _ in places], _HARMONICS)
         self._height = Fourier([z for _, z in places], _HARMONICS)
         # feet are shifted back, so that the mean place of the pelvis is the path's pose
@@ -134,7 +134,7 @@ class _Solver:
         reach = segments.thigh * math.sin(thigh) + segments.shank * math.sin(shank)
         return shank + ankle, reach, math.sqrt(max(down * down - left * left, 0.0))
 
-    def _wanted(self, phase: float) -> tuple[float, float]:
+    def _pelvis_over_feet(self, phase: float) -> tuple[float, float]:
         """Return the forward place and the height of the pelvis that suit the standing legs."""
         total = forward = height = 0.0
         for side, share in enumerate(self.shares):
@@ -173,10 +173,8 @@ class _Solver:
             _larger(lift, _CLEARANCE * bump, 0.006 * bump)
             for lift, bump in zip(_tied(lifts, 0.0, 0.0), bumps, strict=True)
         ]
-        nothing = [0.0] * len(parts)
-        return LegCycle(stance, nothing, nothing), LegCycle(
-            pitches, lifts, _tied(progresses, 0.0, 1.0)
-        )
+        zeros = [0.0] * len(parts)
+        return LegCycle(stance, zeros, zeros), LegCycle(pitches, lifts, _tied(progresses, 0.0, 1.0))
 
 
 def solve(style: Style, segments: Segments, speed: float) -> GaitCycle:

@@ -116,11 +116,11 @@ class WalkingPerson:
         moves = speed > _STILL_M_S or abs(yaw) > _STILL_RAD_S
         self._start_or_stop(motion.twist, moves)
         keep = math.exp(-dt_s / _LAG_S)
-        wanted = [x, y, yaw, float(self._walks)]
+        inputs = [x, y, yaw, float(self._walks)]
         for lag in self._lags:
-            for i, value in enumerate(wanted):
+            for i, value in enumerate(inputs):
                 lag[i] = value + keep * (lag[i] - value)
-            wanted = lag
+            inputs = lag
         first, second = self._lags
         change = max(abs(p - q) for p, q in zip(first, second, strict=True))
         self._unsteady = max(change, self._unsteady * math.exp(-dt_s / _SETTLE_S))
@@ -248,8 +248,8 @@ class WalkingPerson:
         trunk = heading + swing * swings.trunk_yaw * math.cos(cycle)
         for side, (hip, foot) in enumerate(zip(hips, feet, strict=True)):
             arm = -swing * swings.arm * math.cos(cycle + math.pi * side)
-            most = abs(swing) * swings.arm
-            joints += self._arm((x, y, neck), trunk, 1 - 2 * side, arm, arm + most)
+            largest = abs(swing) * swings.arm
+            joints += self._arm((x, y, neck), trunk, 1 - 2 * side, arm, arm + largest)
             hip = (hip[0], hip[1], height + hip[2])  # noqa: PLW2901
             forward = yaw + 0.5 * wrap(self._legs[side].base.yaw - yaw)
             joints += [hip, *self._leg(hip, foot[0], forward), *foot[1:]]
@@ -326,7 +326,7 @@ def _period(twist: Twist2D, stride: float) -> float:
     """Return the period of a stride [s]; shorter if such strides turn or step too far."""
     x, y, yaw = twist
     period = stride / max(math.hypot(x, y), SLOWEST)
-    for rate, most in ((abs(yaw), _TURN_RAD), (abs(y), _ASIDE_M), (-x, _BACK_M)):
-        if rate * period > most:
-            period = most / rate
+    for rate, largest in ((abs(yaw), _TURN_RAD), (abs(y), _ASIDE_M), (-x, _BACK_M)):
+        if rate * period > largest:
+            period = largest / rate
     return max(period, _PERIOD_S[0])

@@ -138,10 +138,10 @@ class TargetNode(Node):
         covariance = self.sensor.covariance
         seen = [
             (m.PoseWithCovariance(pose=m.Pose.planar(pose), covariance=covariance), name)
-            for pose, name in ((frame.pose, "1"), (frame.other, "2"))
+            for pose, name in ((frame.pose, "1"), (frame.second, "2"))
             if pose is not None
         ]
-        if frame.other_first:
+        if frame.second_first:
             seen.reverse()
         ids = tuple(name for _, name in seen) if self.scenario.sensor.faults.ids else ()
         return m.Observation(header=header, poses=tuple(pose for pose, _ in seen), ids=ids)

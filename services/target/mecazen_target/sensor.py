@@ -32,9 +32,9 @@ class SensorFrame(NamedTuple):
     """Tick of the capture; 0 for frames that arrive before the latency has passed."""
     pose: Pose2D | None
     """The person in `SensorConfig.frame` at the capture; None if not seen."""
-    other: Pose2D | None = None
+    second: Pose2D | None = None
     """A second person, likewise."""
-    other_first: bool = False
+    second_first: bool = False
     """Whether the second person is listed first: a sensor has no order."""
 
 
@@ -82,17 +82,17 @@ class Sensor:
         row = tick // self._ticks_per_frame % NOISE_FRAMES
         if captured != tick - self._latency or self._dropped[row]:
             return SensorFrame(capture, None)
-        first, other = (
+        first, second = (
             self._seen(capture, robot, whom) for whom in self._faults.shown(capture, person)
         )
         if first is not None:
             x, y, yaw = self._noise[row].tolist()
             noisy = Pose2D(first.x + x, first.y + y, wrap(first.yaw + yaw))
             first = self._faults.distorted(row, noisy)
-        if other is not None:
-            other = self._faults.noisy(row, other)
-        other_first = other is not None and self._faults.names_other_first(row)
-        return SensorFrame(capture, first, other, other_first)
+        if second is not None:
+            second = self._faults.noisy(row, second)
+        second_first = second is not None and self._faults.names_second_first(row)
+        return SensorFrame(capture, first, second, second_first)
 
     def _seen(self, tick: int, robot: Pose2D, person: Pose2D | None) -> Pose2D | None:
         """Return a person in `SensorConfig.frame`; None if absent or not seen at that tick."""
@@ -160,10 +160,10 @@ class _Faults:
         """Return the true poses of the first and the second person that a frame shows."""
         if not self._config.other_m:
             return person, None
-        other = person._replace(y=person.y + self._config.other_m)
+        second = person._replace(y=person.y + self._config.other_m)
         if any(begin <= tick < end for begin, end in self._stand_ins):
-            return other, None
-        return person, other if self._config.other_seen else None
+            return second, None
+        return person, second if self._config.other_seen else None
 
     def distorted(self, row: int, pose: Pose2D) -> Pose2D:
         """Return the first person's pose with the outliers and flips of a frame."""
@@ -174,12 +174,12 @@ class _Faults:
         yaw = wrap(pose.yaw + math.pi) if flipped[row] else pose.yaw
         return Pose2D(pose.x + x, pose.y + y, yaw)
 
-    def noisy(self, row: int, other: Pose2D) -> Pose2D:
+    def noisy(self, row: int, second: Pose2D) -> Pose2D:
         """Return the second person's pose with the noise of a frame."""
         x, y, yaw = self._drawn[2][row].tolist()
-        return Pose2D(other.x + x, other.y + y, wrap(other.yaw + yaw))
+        return Pose2D(second.x + x, second.y + y, wrap(second.yaw + yaw))
 
-    def names_other_first(self, row: int) -> bool:
+    def names_second_first(self, row: int) -> bool:
         """Return whether a frame names the second person before the first."""
         return bool(self._drawn[3][row])
 
