@@ -93,7 +93,7 @@ class Picture:
         self._drawn_ns: dict[str, int] = {}
         self._standoff = scenario.follower.standoff
         self._has_skeleton = "skeleton" in scenario.sensor.features
-        self._walker: Walker | None = None
+        self._walker: WalkingPerson | None = None
         self._walked_ns = -math.inf
         base = scenario.robot.base
         self._unplaced = scene.marks((base.length_m, base.width_m), scenario.world.person.height_m)
@@ -281,7 +281,7 @@ class Picture:
         if trail.add(time_ns, pose):
             self._log(f"{layout.TRAILS}/{name}", scene.trail(trail.points))
 
-    def _walk(self, motion: Motion, time_ns: int) -> None:
+    def _walk(self, motion: PersonMotion, time_ns: int) -> None:
         """Let the person's body walk to the pose of a motion."""
         if self._walker is None:
             self._walker = _walker(self._scenario.world.person.height_m).twin()
