@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from typing import Any
 
@@ -25,8 +26,13 @@ from mecazen.ticks import ROUNDING_S
 from mecazen.wheels import MecanumKinematics, WheelSpeeds, wheel_values
 from mecazen.wire import NS_PER_S, RefusedError
 
+logger = logging.getLogger(__name__)
+
 FASTER = 1.5
 """Multiple of the wheels' maximum speed beyond which a change of an angle is no motion."""
+MISMATCH = 0.2
+"""Relative difference of a configured length from the robot's above which the controller warns.
+A calibration is within 10 %; a diameter or another unit in its place is at least a factor of 2."""
 
 
 class OdometryNode(Node):
@@ -130,6 +136,12 @@ class ControllerNode(Node):
         self.tick_s = scenario.sim.tick_s
         self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
         self._read_limits()
+        robot = MecanumKinematics.from_robot(scenario.robot)
+        for name in ("half_wheelbase", "half_track", "wheel_radius"):
+            configured, actual = getattr(self.kinematics, name), getattr(robot, name)
+            if abs(configured - actual) > MISMATCH * actual:
+                mismatch = f"controller.{name}_m = {configured:g}, the robot file has {actual:g} m"
+                logger.warning("msg=%r", mismatch)
 
     def configure(self, scenario: Scenario) -> None:
         """Use the limits and the timeout of a changed scenario from now on."""
