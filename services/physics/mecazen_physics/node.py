@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from mecazen.config import Scenario
 from mecazen.errors import RefusedError
 from mecazen.keys import (
@@ -41,7 +40,6 @@ from mecazen.messages import (
     Vector3,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen.portable import Floats
 from mecazen.robot import WHEELS
 from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
@@ -53,6 +51,7 @@ from mecazen_physics.people import MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.start import check_obstacles, check_person, steps_per_tick
+from mecazen_physics.state import Vector
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
 TOO_FAR = f"farther from where they were than {FASTEST_PERSON:g} m/s take one"
@@ -163,7 +162,7 @@ class PhysicsNode(Node):
             return
         reported = self._reported(name)
         pose = None if self.has_legs else message.pose.pose.to_planar()
-        points = _positions(message.joints) if pose is None else np.array([pose[:2]])
+        points = _positions(message.joints) if pose is None else [pose[:2]]
         if not reported.can_be_at(points, inputs.gap_s(topic)):
             inputs.refuse(topic, TOO_FAR)
         elif pose is None:
@@ -239,14 +238,14 @@ class PhysicsNode(Node):
 
 def _instruments(part: Scenario, seed: int) -> dict[Topic[Any], Imu | Battery]:
     """Return the instruments of a robot that its scenario enables, with noise from `seed`."""
-    found: dict[Topic[Any], Imu | Battery] = {}
+    instruments: dict[Topic[Any], Imu | Battery] = {}
     if "imu" in part.features:
         period = part.ticks_per("sensors.imu.rate_hz")
-        found[IMU] = Imu(part.sensors.imu, period, part.sim.tick_s, seed)
+        instruments[IMU] = Imu(part.sensors.imu, period, part.sim.tick_s, seed)
     if "battery" in part.features:
         period = part.ticks_per("sensors.battery.rate_hz")
-        found[BATTERY_STATE] = Battery(part.sensors.battery, _sag_per_nm(part), period, seed)
-    return found
+        instruments[BATTERY_STATE] = Battery(part.sensors.battery, _sag_per_nm(part), period, seed)
+    return instruments
 
 
 def _sag_per_nm(part: Scenario) -> float:
@@ -285,6 +284,5 @@ def _messages(
     }
 
 
-def _positions(joints: Sequence[Point]) -> Floats:
-    """Return joints as an array (20, 3) [m]."""
-    return np.array([(joint.x, joint.y, joint.z) for joint in joints])
+def _positions(joints: Sequence[Point]) -> list[Vector]:
+    return [(joint.x, joint.y, joint.z) for joint in joints]

@@ -101,32 +101,35 @@ class ReportedPerson:
 
     def __init__(self, height: float) -> None:
         self._height = height
-        self._points: Floats | None = None
+        self._points: Sequence[Sequence[float]] | None = None
         self._time = 0.0
 
-    def can_be_at(self, points: Floats, gap_s: float) -> bool:
+    def can_be_at(self, points: Sequence[Sequence[float]], gap_s: float) -> bool:
         """Return whether points (n, 2 or 3) [m] are reachable from the last points in `gap_s`.
 
         A person who jumps would shove a robot.
         """
         if self._points is None:
             return True
-        steps = map(math.dist, points.tolist(), self._points.tolist())
+        steps = map(math.dist, points, self._points)
         return all(step <= FASTEST_PERSON * gap_s for step in steps)  # False for NaN
 
     def upright(self, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
         """Return a person at `pose`, moving with `velocity` in their own frame."""
-        self._points = np.array([pose[:2]])
+        self._points = [pose[:2]]
         return MovingPerson.upright(pose, velocity)
 
-    def with_joints(self, joints: Floats, time: float, height: float) -> MovingPerson:
+    def with_joints(
+        self, points: Sequence[Sequence[float]], time: float, height: float
+    ) -> MovingPerson:
         """Return a person with joints (20, 3) [m] at `time` [s], at rest in the first sample."""
+        joints = np.array(points)
         velocities = np.zeros_like(joints)
         if self._points is not None and time > self._time:
-            velocities = (joints - self._points) / (time - self._time)
+            velocities = (joints - np.array(self._points)) / (time - self._time)
             speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
             velocities *= FASTEST_PUSH / np.maximum(speeds, FASTEST_PUSH)
-        self._points, self._time = joints, time
+        self._points, self._time = points, time
         return MovingPerson.of_joints(joints, velocities, height or self._height)
 
 
