@@ -11,10 +11,10 @@ from follower.rooms import DRIVE
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.config.follower import PidControl, PolarControl
 from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen_follower.control import ALL_AROUND, FieldOfView
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import SEARCH, Following
 from mecazen_follower.measurement import Measurement
-from mecazen_follower.polar import ALL_AROUND, FieldOfView
 from mecazen_follower.tracking import Frame
 
 DT = 0.01

@@ -18,10 +18,10 @@ from mecazen.loading import load_scenario
 from mecazen.messages import diagonal_covariance
 from mecazen.programs import graph_of
 from mecazen.runtime.live import LiveParameters, refuse_unsuitable
+from mecazen_follower.control import PoseController
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
 from mecazen_follower.node import FollowerNode
-from mecazen_follower.pid import PoseController
 from mecazen_follower.planner import mppi
 from mecazen_follower.tracking import PersonTracker
 

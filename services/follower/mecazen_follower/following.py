@@ -11,11 +11,16 @@ from mecazen.config.follower import PidControl
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, StandoffErrors, Twist2D, rotate, wrap
 
+from mecazen_follower.control import (
+    ALL_AROUND,
+    UNLIMITED,
+    FieldOfView,
+    PolarController,
+    PoseController,
+)
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.pid import PoseController
 from mecazen_follower.planner.costs import Plan
 from mecazen_follower.planner.mppi import Planner
-from mecazen_follower.polar import ALL_AROUND, UNLIMITED, FieldOfView, PolarController
 from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
 
 MAX_STEP = 0.5

@@ -27,10 +27,10 @@ from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate, wrap
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats, arctan2, exp
 
+from mecazen_follower.control import HEADING_BRAKING_RAD_S2, LINEAR_BRAKING_M_S2
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import OPEN, Costs, Extents, Rollout, SensorView, Situation
 from mecazen_follower.planner.surroundings import LocalMap, Shadows
-from mecazen_follower.polar import HEADING_BRAKING_RAD_S2, LINEAR_BRAKING_M_S2
 
 STEPS = 20
 KNOTS = 6
@@ -316,7 +316,7 @@ def _along(trail: Floats, person: Course, distance: float) -> tuple[Floats, Floa
 
 
 def towards(person: Floats, goals: Course, orbits: Floats, law: PolarControl) -> Command:
-    """Return the law of polar.py for n goals, without wheel limits: `MotionLimits` applies them.
+    """Return the law of control.py for n goals, without wheel limits: `MotionLimits` applies them.
 
     Args:
         person: The person's predicted poses (steps, 3).

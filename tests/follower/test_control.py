@@ -1,20 +1,26 @@
-"""The polar control law: exact where it should be, and never through the person."""
+"""The control laws: the polar law, the allocation of speed, and the PIDs."""
 
 import math
 
 import numpy as np
 import pytest
 from follower.rooms import DRIVE
-from harness import load_robot
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from mecazen.config import ControllerConfig, FollowerConfig, Scenario
-from mecazen.config.follower import PolarControl
-from mecazen.config.services import AxisLimits, LinearLimits
-from mecazen.drive import Drive
+from mecazen.config import FollowerConfig
+from mecazen.config.follower import Gains, PidControl, PolarControl
+from mecazen.drive import Drive, Limits
 from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate
-from mecazen_follower.polar import ALL_AROUND, PolarController, approach, kept_view
-from msgspec.structs import replace
+from mecazen_follower.control import (
+    ALL_AROUND,
+    PID,
+    PolarController,
+    PolarTwist,
+    PoseController,
+    allocate,
+    approach,
+    kept_view,
+)
 from planar import angles, poses, standoffs, twists
 
 DT = 0.01
@@ -68,13 +74,6 @@ def test_at_the_goal_it_moves_exactly_with_the_goal(standoff, person, velocity):
     assert twist == pytest.approx(wanted, abs=1e-9)
 
 
-@given(standoffs, poses)
-def test_person_is_the_reverse_of_goal(standoff, person):
-    back = standoff.person(standoff.goal(person))
-    assert person.distance(back) < 1e-9
-    assert math.remainder(back.yaw - person.yaw, math.tau) == pytest.approx(0.0, abs=1e-12)
-
-
 @given(st.floats(1.0, 3.0), angles, angles)
 @example(2.0, 0.0, math.pi)
 def test_from_all_sides_it_comes_to_the_goal_and_never_near_the_person(distance, bearing, yaw):
@@ -120,35 +119,6 @@ def test_a_robot_that_brakes_as_told_does_not_pass_its_distance(distance):
     assert distances[-1] == pytest.approx(1.0, abs=1e-6)
 
 
-@given(standoffs, poses, twists, poses, poses)
-def test_it_does_not_matter_where_odom_is(standoff, goal, velocity, robot, odom):
-    control = make(standoff, 1000.0)  # the limits are of base_link, and not reached
-    there = Twist2D(*rotate(velocity.x, velocity.y, odom.yaw), velocity.yaw)
-    here = control.command(goal, velocity, robot, DT)
-    moved = control.command(odom.compose(goal), there, odom.compose(robot), DT)
-    person = standoff.person(goal)
-    seen = person.between(robot)
-    behind = math.remainder(math.atan2(seen.y, seen.x) - standoff.bearing, math.tau)
-    turned = math.remainder(robot.yaw - goal.yaw, math.tau)
-    # at exactly 180 degrees either way round is right, and on the person any direction
-    assume(person.distance(robot) > 1e-3)
-    assume(max(abs(behind), abs(turned)) < math.pi - 1e-6)
-    # rounding of 1e-13 m, over the 1 mm from the person, times 20 m/s
-    assert moved == pytest.approx(here, abs=1e-8)
-
-
-@given(standoffs, poses)
-def test_a_robot_on_the_person_drives_away_from_them(standoff, person):
-    goal = standoff.goal(person)
-    robot = Pose2D(person.x, person.y, goal.yaw)
-    twist = make(standoff, 100.0).command(goal, Twist2D(), robot, DT)
-    speed = min(3.0 * standoff.distance, math.sqrt(2.0 * 2.0 * standoff.distance))
-    assert math.hypot(twist.x, twist.y) == pytest.approx(speed)
-
-
-NEXUS = load_robot()
-
-
 def walk(config, walking, seconds, view=ALL_AROUND):
     """Yield person and robot, which starts at rest in its place and does what is commanded.
 
@@ -170,19 +140,6 @@ def walk(config, walking, seconds, view=ALL_AROUND):
 def distance_errors(config, walking, seconds):
     steps = walk(config, walking, seconds)
     return [abs(person.distance(robot) - config.standoff_m) for person, robot in steps]
-
-
-def test_the_drive_is_that_of_the_robot_and_its_controller():
-    assert (DRIVE.rim_speed, DRIVE.lever) == pytest.approx((2.0, 0.3))
-    assert DRIVE.sideways == pytest.approx(1.0)
-    rollers = replace(NEXUS.rollers, angle_deg=30.0, arrangement="O")
-    crossed = Drive.from_scenario(Scenario(robot=replace(NEXUS, rollers=rollers)))
-    # cot 30° along y; the lever of half track and half wheelbase, 0.15 m each, is a difference
-    gain = math.sqrt(3.0)
-    assert (crossed.sideways, crossed.lever) == pytest.approx((gain, 0.15 * (gain - 1.0)))
-    limits = AxisLimits(x=LinearLimits(max_velocity_m_s=1.0))
-    slow = Scenario(robot=NEXUS, controller=ControllerConfig(limits=limits))
-    assert [axis.velocity for axis in Drive.from_scenario(slow).axes] == [1.0, 2.0, 3.0]
 
 
 def test_at_45_degrees_it_keeps_the_distance_from_who_is_faster_than_the_diagonal():
@@ -235,3 +192,141 @@ def test_a_robot_whose_camera_looks_sideways_drives_beside_the_person_without_tu
         seen = robot.between(person)
         assert math.atan2(seen.y, seen.x) == pytest.approx(math.pi / 2 * side, abs=0.1)
         assert robot.yaw == pytest.approx(0.0, abs=1e-6)  # rounding
+
+
+LINEAR, ANGULAR = Limits(2.0, 2.5, 2.5), Limits(3.0, 8.0, 8.0)
+NEXUS = Drive(2.0, 1.0, 0.3, (LINEAR, LINEAR, ANGULAR))
+LONG_S = 10.0
+"""A step in which every axis reaches all of its velocities."""
+speeds, rates = st.floats(-2.0, 2.0), st.floats(-3.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("target", "direction", "turns_first", "expected"),
+    [
+        # the distance takes 1.5 m/s of the rims, the turn what is left, the bearing nothing
+        ((1.5, 2.0, 3.0), math.pi, False, (-1.5, 0.0, 0.5 / 0.3)),
+        # 3 rad/s, the limit of the axis, are 0.9 m/s of the rims
+        ((2.0, 0.0, 5.0), 0.0, True, (1.1, 0.0, 3.0)),
+        # diagonally both axes need the rims: 1 m/s each
+        ((2.0, 0.0, 0.0), math.pi / 4, False, (1.0, 1.0, 0.0)),
+        # the bearing gets what the planar speed of 1.8 m/s leaves
+        ((1.7, 0.0, 0.0), 0.0, False, (1.7, 0.0, 0.0)),
+        ((1.7, 2.0, 0.0), 0.0, False, (1.7, 0.3, 0.0)),
+    ],
+)
+def test_speed_is_allocated_in_order(target, direction, turns_first, expected):
+    twist = allocate(
+        PolarTwist(*target), direction, STILL, NEXUS, 1.8, LONG_S, turns_first=turns_first
+    )
+    assert twist == pytest.approx(expected, abs=1e-9)
+
+
+@given(st.builds(PolarTwist, speeds, speeds, rates), angles, speeds, speeds, rates, st.booleans())
+def test_a_step_stays_within_all_limits(target, direction, x, y, yaw, turns_first):
+    last = NEXUS.slowed(Twist2D(x, y, yaw))
+    assume(math.hypot(last.x, last.y) <= 1.8)
+    twist = allocate(target, direction, last, NEXUS, 1.8, DT, turns_first=turns_first)
+    assert NEXUS.rims(twist) <= 2.0 + 1e-9  # rounding
+    assert math.hypot(twist.x, twist.y) <= 1.8 + 1e-9
+    for value, before, axis in zip(twist, last, NEXUS.axes, strict=True):
+        low, high = axis.reach(before, DT)
+        assert low - 1e-9 <= value <= high + 1e-9
+
+
+def test_a_drive_without_limits_reaches_any_twist():
+    twist = allocate(PolarTwist(3.0, 4.0, 5.0), math.pi / 2, STILL, Drive(), math.inf, DT)
+    assert twist == pytest.approx((-4.0, 3.0, 5.0))
+
+
+def test_terms_add_up_as_computed_by_hand():
+    pid = PID(Gains(kp=2.0, ki=0.5, kd=0.1, limit=10.0))
+    # 0.3 + 2 * 1 + 0.5 * 1 * 0.2 + 0.1 * -4
+    assert pid.update(1.0, -4.0, 0.2, 0.3) == pytest.approx(2.0)
+    # the integral alone is left: 0.1
+    assert pid.update(0.0, 0.0, 0.2) == pytest.approx(0.1)
+
+
+def test_integral_does_not_wind_up_at_the_limit():
+    pid = PID(Gains(kp=1.0, ki=1.0, limit=0.5))
+    for _ in range(1000):
+        assert pid.update(2.0, 0.0, DT) == 0.5
+    # With 20 s·m of integral it would stay at its limit for long; it turns at once.
+    assert pid.update(-0.1, 0.0, DT) == pytest.approx(-0.101)
+
+
+def test_integral_is_unwound_while_the_output_is_at_its_limit():
+    pid = PID(Gains(kp=0.0, ki=1.0, limit=1.0))
+    pid.update(0.9, 0.0, 1.0)
+    for _ in range(10):
+        # The feed-forward alone holds the output at its limit; the error is against it.
+        assert pid.update(-0.05, 0.0, 1.0, feed_forward=5.0) == 1.0
+    assert pid.update(0.0, 0.0, 1.0) == pytest.approx(0.4)
+
+
+NORTH = math.pi / 2
+
+
+def controller(kp=1.0, ki=0.0, kd=0.0, feed_forward=True):
+    gains = Gains(kp=kp, ki=ki, kd=kd, limit=5.0)
+    return PoseController(PidControl(gains, gains, gains, feed_forward))
+
+
+def test_error_is_taken_in_base_link():
+    # The robot looks along +y; a goal 1 m to the +x is on its right.
+    twist = controller().command(Pose2D(1.0, 0.0, NORTH), Twist2D(), Pose2D(0.0, 0.0, NORTH), DT)
+    assert twist == pytest.approx((0.0, -1.0, 0.0), abs=1e-12)
+
+
+def test_feed_forward_is_turned_into_base_link():
+    here = Pose2D(3.0, 4.0, NORTH)
+    twist = controller().command(here, Twist2D(0.2, 0.5, 0.1), here, DT)
+    assert twist == pytest.approx((0.5, -0.2, 0.1))
+
+
+def test_without_feed_forward_the_goal_velocity_does_nothing():
+    here = Pose2D(3.0, 4.0, 1.0)
+    twist = controller(kd=1.0, feed_forward=False).command(here, Twist2D(1.0, 1.0, 1.0), here, DT)
+    assert twist == Twist2D()
+
+
+def test_heading_takes_the_short_way_across_the_wrap():
+    twist = controller().command(Pose2D(0.0, 0.0, -3.1), Twist2D(), Pose2D(0.0, 0.0, 3.1), DT)
+    assert twist.yaw == pytest.approx(math.tau - 6.2)
+
+
+@pytest.mark.parametrize(
+    ("goals", "robots", "expected"),
+    [
+        # a goal that jumps 0.004 m ahead in 0.01 s: 0.5 * 0.4 m/s
+        ([Pose2D(), Pose2D(0.004)], [Pose2D(), Pose2D()], (0.2, 0.0, 0.0)),
+        # the robot looks along +y and moves 0.004 m ahead: the error falls
+        ([Pose2D()] * 2, [Pose2D(0.0, 0.0, NORTH), Pose2D(0.0, 0.004, NORTH)], (-0.2, 0.0, 0.0)),
+        # 1 m ahead of a robot that turns left by 0.001: the goal moves 0.001 m to the right
+        ([Pose2D(1.0)] * 2, [Pose2D(), Pose2D(0.0, 0.0, 0.001)], (0.0, -0.05, -0.05)),
+        # 0.002 rad to the left, across the wrap of the error at pi
+        (
+            [Pose2D(0.0, 0.0, math.pi - 0.001), Pose2D(0.0, 0.0, 0.001 - math.pi)],
+            [Pose2D(), Pose2D()],
+            (0.0, 0.0, 0.1),
+        ),
+        # the robot moves with the goal: the error is constant
+        ([Pose2D(1.0), Pose2D(1.004)], [Pose2D(), Pose2D(0.004)], (0.0, 0.0, 0.0)),
+    ],
+    ids=["jump", "ahead", "turn", "wrap", "together"],
+)
+def test_derivative_is_the_rate_of_the_error(goals, robots, expected):
+    control = controller(kp=0.0, kd=0.5, feed_forward=False)
+    for goal, robot in zip(goals, robots, strict=True):
+        twist = control.command(goal, Twist2D(), robot, DT)
+    # 5e-7 is the second order of the turn, times 0.5 / 0.01 s
+    assert twist == pytest.approx(expected, abs=3e-5)
+
+
+def test_stop_is_at_rest_and_forgets_integrals_and_motion():
+    control = controller(kp=0.0, ki=1.0, kd=1.0)
+    for tick in range(100):
+        control.command(Pose2D(5.0, 5.0, 1.0), Twist2D(), Pose2D(tick * DT, 0.0, 0.0), DT)
+    assert control.stop() == Twist2D()
+    here = Pose2D(9.0, 9.0, 0.0)
+    assert control.command(here, Twist2D(), here, DT) == Twist2D()
