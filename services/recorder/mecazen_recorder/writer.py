@@ -24,7 +24,7 @@ LATCHED = ("robot_description", "tf_static")
 """Last parts of topics that late subscribers of `ros2 bag play` receive as well."""
 LATCHED_QOS = """\
 - history: 1
-  depth: 1
+  depth: 100
   reliability: 1
   durability: 1
   deadline: {sec: 0, nsec: 0}
@@ -33,7 +33,7 @@ LATCHED_QOS = """\
   liveliness_lease_duration: {sec: 0, nsec: 0}
   avoid_ros_namespace_conventions: false
 """
-"""Quality of service as rosbag2 writes it: reliable, transient local, the newest sample."""
+"""Quality of service as rosbag2 writes it: reliable, transient local, also for several robots."""
 
 
 class RecordingError(MecazenError):
