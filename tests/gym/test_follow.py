@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from harness import ROOT
 from mecazen import Simulation
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import Odometry
 from mecazen_gym.follow import CHANGE_M_S, HEADING_M_RAD, Observation
@@ -86,15 +86,6 @@ def test_a_copy_is_a_new_environment_with_the_same_options(make, copied):
         assert np.array_equal(episode(copy_of_it, seed=8), expected)
     finally:
         copy_of_it.close()
-
-
-def test_nothing_goes_on_after_it_is_closed(make):
-    env = make()
-    env.reset()
-    env.close()
-    for ask in (env.reset, lambda: env.step(STILL)):
-        with pytest.raises(MecazenError, match="the simulation is closed"):
-            ask()
 
 
 def test_without_a_seed_each_episode_has_other_noise_and_all_follow_from_the_first_seed(make):

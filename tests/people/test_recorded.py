@@ -107,13 +107,6 @@ def test_heading_is_held_while_the_person_stands_and_turns_as_they_set_off():
     assert track.at(14.0).twist.x == pytest.approx(1.0)
 
 
-def test_who_walks_back_the_way_they_came_turns_around():
-    track = walk_and_stand((6.0, 1.0, 0.0), (2.0, 0.0, 0.0), (6.0, 1.0, math.pi))
-    assert track.at(7.0).pose.yaw == 0.0
-    assert abs(track.at(11.0).pose.yaw) == pytest.approx(math.pi, abs=0.01)
-    assert track.at(11.0).twist.x == pytest.approx(1.0, abs=0.001)
-
-
 def test_a_curve_rests_between_equal_points_and_never_overshoots():
     knots, values = np.arange(6.0), np.array([0.0, 0.0, 1.0, 1.0, 3.0, 2.0])
     slopes = limited_slopes(knots, values)
@@ -245,13 +238,3 @@ def test_malformed_table_is_refused_in_one_line(tmp_path, text, message):
         read_track(file)
     assert str(caught.value).startswith(f"{file}: ")
     assert "\n" not in str(caught.value)
-
-
-def test_unreadable_file_is_refused_in_one_line(tmp_path):
-    with pytest.raises(ConfigError, match=r"no\.csv: can't be read: No such file"):
-        read_track(tmp_path / "no.csv")
-    with pytest.raises(ConfigError, match="can't be read: Is a directory"):
-        read_track(tmp_path)
-    (tmp_path / "binary.csv").write_bytes(b"t_s,x_m,y_m\n\xff\xfe\x00")
-    with pytest.raises(ConfigError, match=r"binary\.csv: must be text in UTF-8"):
-        read_track(tmp_path / "binary.csv")

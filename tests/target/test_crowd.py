@@ -2,11 +2,10 @@
 
 import math
 
-import msgspec
 import pytest
 from harness import SCENARIOS, Steps, error_of
 from mecazen import keys
-from mecazen.config import CrowdConfig
+from mecazen.config.people import Reactive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import of_robot
@@ -78,11 +77,6 @@ def test_of_several_robots_all_and_their_persons_are_told_of():
     assert [one.name for one in frame.robots] == ["one", "two"]
 
 
-def test_where_nobody_looks_at_bodies_there_are_none():
-    frame = Crowd("back", WALKERS).tick(0)
-    assert [len(one.joints) for one in frame.persons[1:]] == [0, 0]
-
-
 def test_a_run_begun_anew_is_the_same_again():
     crowd = Crowd("crowd")
     first = [crowd.tick(tick) for tick in range(0, 60, 2)]
@@ -109,23 +103,19 @@ def test_the_crowd_takes_part_where_there_is_one(scenario, settings, takes_part)
     assert ("crowd" in loaded.services) == takes_part
 
 
-@pytest.mark.parametrize(
-    ("table", "told"),
-    [
-        ({"reactive": {"count": 3, "x_m": [1.0, 0.0], "y_m": [0.0, 1.0]}}, "must be below"),
-        ({"reactive": {"count": 9, "x_m": [0.0, 2.0], "y_m": [0.0, 2.0]}}, "square metre"),
-        ({"reactive": {"count": 0, "x_m": [0.0, 2.0], "y_m": [0.0, 2.0]}}, ">= 1"),
-        ({"walkers": [{"path": {"kind": "driven"}}]}, "driven"),
-        ({"walkers": [{}]}, "path"),
-        ({"wakers": []}, "wakers"),
-    ],
-)
-def test_the_section_is_strict(table, told):
-    with pytest.raises(msgspec.ValidationError, match=told):
-        msgspec.convert(table, CrowdConfig)
-
-
 def test_a_path_that_cannot_be_walked_is_named_in_one_line():
     points = "path = { kind = 'waypoints', points_m = [[0, 0], [0, 0]] }"
     told = error_of(ConfigError, lambda: Crowd("back", f"crowd.walkers=[{{ {points} }}]"))
     assert told.startswith("crowd.walkers.0.path: points_m: points 1 and 2 are the same")
+
+
+@pytest.mark.parametrize(
+    ("count", "x_m", "message"),
+    [
+        (3, (1.0, 0.0), "x_m: 1 must be below 0"),
+        (9, (0.0, 2.0), "one walker for each square metre"),
+    ],
+)
+def test_an_area_that_holds_no_crowd_is_refused(count, x_m, message):
+    with pytest.raises(ValueError, match=message):
+        Reactive(count=count, x_m=x_m, y_m=(0.0, 2.0))

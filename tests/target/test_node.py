@@ -141,12 +141,6 @@ def test_a_driven_person_moves_by_the_commands_and_stops_when_they_end():
     assert target.person(9, turn) == pytest.approx(Pose2D(0.05).integrate(turn, 0.01))
 
 
-def test_a_person_on_a_path_refuses_commands():
-    target = Target(STANDING)
-    assert target.person(0) == target.person(1, Twist2D(1.0)) == target.person(2)
-    assert target.refused == ["target/cmd_vel"]
-
-
 def test_a_driven_person_makes_up_for_missed_ticks_but_not_beyond_the_timeout():
     target = Target(DRIVEN)
     target.person(0)
@@ -225,10 +219,6 @@ def test_a_body_that_sways_by_itself_does_not_sway_twice():
     swaying = Target(Straight(speed_m_s=1.0), gait=Gait(), kind="body")
     plain = Target(Straight(speed_m_s=1.0), kind="body")
     assert swaying.bytes(100) == plain.bytes(100)
-
-
-def test_without_a_sensor_that_looks_there_is_no_skeleton():
-    assert keys.TARGET_SKELETON not in Target(STANDING).tick(0)
 
 
 NEXT_RUN = 2**32 - 1
