@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen.rollers import Roller
 from mecazen_physics.footprint import Footprint
@@ -44,13 +43,6 @@ def test_two_may_touch_that_can_reach_each_other_within_the_horizon():
     assert not STANDING._replace(speed=1.0).may_touch(person._replace(speed=2.9))  # 20 + 78 mm
     assert STANDING._replace(speed=1.0).may_touch(person._replace(speed=3.1))  # 20 + 82 mm
     assert STANDING._replace(speed=1.0).may_touch(person._replace(speed=2.0), margin=1.5)
-
-
-def test_a_robots_footprint_holds_its_wheels_and_is_as_fast_as_its_corners(nexus):
-    footprint = Footprint.of_robot(nexus.footprint, Pose2D(1.0, 2.0, 0.5), 0.3, -2.0)
-    assert footprint[:6] == pytest.approx((1.0, 2.0, 0.5, 0.2, 0.2, 0.0))
-    # 0.2 m/s is what it may gain in 20 ms
-    assert footprint.speed == pytest.approx(0.3 + 2.0 * math.hypot(0.2, 0.2) + 0.2)
 
 
 @pytest.mark.parametrize("angle_deg", [10.0, 45.0, 80.0])

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import struct
 from collections import Counter
 
 import msgspec
@@ -8,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from mecazen.robot import Robot
-from mecazen.rollers import Roller, binary_stl
+from mecazen.rollers import Roller
 from mecazen_bench.engine import lateral_gain, yaw_gain
 
 Array = npt.NDArray[np.float64]
@@ -109,17 +108,6 @@ def test_inertia_is_that_of_the_mesh(roller):
     across, along = roller.inertia
     # 256 sides: relative errors of 1e-4.
     np.testing.assert_allclose(moments, [across, across, along], rtol=3e-4)
-
-
-def test_binary_stl_holds_every_triangle_with_its_normal(roller):
-    vertices, triangles = roller.mesh(rings=9, segments=12)
-    data = binary_stl(vertices, triangles)
-    assert struct.unpack_from("<I", data, 80) == (len(triangles),)
-    assert len(data) == 84 + 50 * len(triangles)
-    first = np.array(struct.unpack_from("<12f", data, 84)).reshape(4, 3)
-    np.testing.assert_allclose(first[1:], vertices[triangles[0]], atol=1e-8)  # 32-bit floats
-    assert np.linalg.norm(first[0]) == pytest.approx(1.0, abs=1e-6)
-    assert first[0] @ first[1] > 0.0
 
 
 @pytest.mark.parametrize(("count", "expected"), [(9, 0.978), (12, 0.988)])

@@ -138,15 +138,6 @@ def test_robots_that_are_pressed_head_on_do_not_sink_into_each_other_whatever_th
     assert max(state.tilt for pair in states for state in pair) < 1e-2
 
 
-def test_no_motor_gives_more_than_its_torque_where_robots_meet(nexus):
-    world = world_with(nexus, Pose2D(), Pose2D(0.6, 0.05, 3.0))
-    states = drive(world, 150, FORWARD, FORWARD)
-    torques = [abs(t) for pair in states for state in pair for t in state.joint_effort[:4]]
-    # a servo's, to the solver's rounding
-    assert 0.5 * nexus.wheels.max_torque_nm < max(torques)
-    assert max(torques) <= nexus.wheels.max_torque_nm * (1.0 + 1e-9)
-
-
 def test_a_collision_at_full_speed_dents_no_wheel(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.7, 0.0, math.pi), ground_friction=0.0)
     throw(world.robots[0], 2.0)
@@ -197,16 +188,6 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
     assert first.state.linear[0] == pytest.approx(-0.3, rel=0.01)
 
 
-def test_a_robot_is_pushed_by_the_person_of_another(nexus):
-    world = world_with(nexus, Pose2D(), Pose2D(0.0, 3.0))
-    for tick in range(300):
-        world.place_person(1, MovingPerson.upright(Pose2D(-1.0 + 0.004 * tick), Twist2D(x=0.4)))
-        world.advance([ROLL, STAND], STEPS)
-    # the person's middle is at 0.2 m, and their body of 0.2 m before it
-    assert world.robots[0].state.position[0] > 0.5
-    assert world.robots[1].state.position[:2] == pytest.approx((0.0, 3.0), abs=1e-3)
-
-
 def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus):
     rig = Rig(nexus)
     for x in (0.6, 5.0):  # close, and away
@@ -226,14 +207,6 @@ def test_people_walk_through_each_other(nexus):
         world.place_person(1, MovingPerson.upright(Pose2D(0.45, 0.1), Twist2D()))
         world.advance([STAND, STAND], STEPS)
     assert math.dist(world.robots[0].state.position, (0.0, 0.0, 0.0)) < 1e-3
-
-
-def test_the_same_collision_again_gives_the_same_to_the_bit(nexus):
-    def collide() -> list[list[RobotState]]:
-        world = world_with(nexus, Pose2D(), Pose2D(1.0, 0.05, 3.0), Pose2D(1.0, 1.0, -1.5))
-        return drive(world, 250, FORWARD, FORWARD, FORWARD)
-
-    assert collide() == collide()
 
 
 def test_robots_of_different_rollers_can_not_share_a_ground(nexus):

@@ -23,13 +23,6 @@ def test_moving_joints_are_those_of_the_world_in_its_order(tree, robot):
     assert fixed == ["camera_joint", "lidar_joint", "camera_depth_optical_joint"]
 
 
-def test_every_link_but_the_root_hangs_on_one_joint(tree):
-    links = [link.get("name") for link in tree.findall("link")]
-    children = [child.get("link") for child in tree.findall("joint/child")]
-    assert sorted(children) == sorted(set(links) - {"base_link"})
-    assert len(set(links)) == len(links)
-
-
 def test_masses_sum_up_to_the_robot_files(tree, robot):
     total = sum(float(mass.get("value", "nan")) for mass in tree.iter("mass"))
     wheel = robot.wheels.hub_mass_kg + robot.rollers.count * robot.rollers.mass_kg
@@ -89,7 +82,3 @@ def test_the_optical_frame_is_turned_as_the_camera_looks(nexus, tmp_path):
     expected = np.column_stack([right, down, ahead])
     np.testing.assert_allclose(frame[:3, :3], expected, atol=1e-9)  # twelve digits
     np.testing.assert_allclose(frame[:3, 3], camera.position_m, atol=1e-9)
-
-
-def test_who_asks_again_gets_the_same_text_without_it_being_built_anew(robot):
-    assert build_urdf(robot) is build_urdf(msgspec.structs.replace(robot))
