@@ -240,7 +240,7 @@ def _perception(name: str, summary: str, sensed: Topic[Any], perceived: Topic[An
     return Row(
         name,
         summary,
-        program=f"mecazen_follower.perception.node:{name.capitalize()}",
+        program=f"mecazen_follower.perception:{name.capitalize()}Node",
         inputs=(every(sensed),),
         outputs=(perceived,),
         service="follower",

@@ -1,15 +1,139 @@
-"""The nodes of perception: from what is sensed to observations."""
+"""Perception: persons from joints and from legs, against poses that are known."""
 
+import math
+
+import numpy as np
 import pytest
 from follower.rooms import legs, scan
-from follower.skeletons import skeleton
 from harness import SCENARIOS
-from mecazen.geometry import Pose2D
+from mecazen.geometry import Pose2D, wrap
 from mecazen.keys import SCAN, SKELETONS
 from mecazen.loading import load_scenario
-from mecazen.messages import Header, Skeletons
+from mecazen.messages import Header, LaserScan, Point, Skeleton, Skeletons
 from mecazen.node import Inputs, Tick
-from mecazen_follower.perception.node import Body, Legs
+from mecazen.skeleton import JOINTS
+from mecazen_follower.measurement import NO_HEADING
+from mecazen_follower.perception import (
+    PAIR_STD_M,
+    SINGLE_STD_M,
+    BodyNode,
+    LegsNode,
+    clusters_of,
+    persons,
+    pose_of,
+)
+from msgspec.structs import replace
+
+STANDING = {
+    "pelvis": (0.0, 0.0, 0.95),
+    "spine": (0.0, 0.0, 1.2),
+    "neck": (0.0, 0.0, 1.45),
+    "left_hip": (0.0, 0.1, 0.95),
+    "right_hip": (0.0, -0.1, 0.95),
+    "left_shoulder": (0.0, 0.2, 1.4),
+    "right_shoulder": (0.0, -0.2, 1.4),
+}
+ELSEWHERE = (0.1, 0.0, 0.5)
+
+
+def skeleton(pose: Pose2D, hidden=(), std: float = 0.01) -> Skeleton:
+    """Return the skeleton of who stands at a pose, in which some joints are hidden."""
+    joints = []
+    for name in JOINTS:
+        x, y, z = STANDING.get(name, ELSEWHERE)
+        placed = pose.compose(Pose2D(x, y))
+        joints.append(Point(placed.x, placed.y, z))
+    confidence = tuple(0 if name in hidden else 2 for name in JOINTS)
+    return Skeleton(id="7", joints=tuple(joints), std=(std,) * len(JOINTS), confidence=confidence)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 179.0, -135.0])
+def test_a_body_without_noise_stands_where_it_stands_and_faces_where_it_faces(yaw_deg):
+    pose = Pose2D(1.5, -0.4, math.radians(yaw_deg))
+    found, _ = pose_of(skeleton(pose))
+    assert found.distance(pose) == pytest.approx(0.0, abs=1e-12)
+    assert wrap(found.yaw - pose.yaw) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_hidden_shoulder_leaves_the_hips_and_more_doubt():
+    pose = Pose2D(1.0, 0.0, 0.3)
+    (_, seen), (found, hidden) = pose_of(skeleton(pose)), pose_of(skeleton(pose, ["left_shoulder"]))
+    assert found.yaw == pytest.approx(0.3)
+    assert hidden[2][2] > 2.0 * seen[2][2]
+    assert hidden[0][0] == seen[0][0]
+
+
+def test_of_a_body_from_aside_the_place_is_known_and_the_heading_is_not():
+    far = [f"{side}_{joint}" for side in ("left",) for joint in ("hip", "shoulder")]
+    (x, y, _), covariance = pose_of(skeleton(Pose2D(1.0, 2.0, 0.3), far))
+    assert (x, y) == pytest.approx((1.0, 2.0))
+    assert covariance[2][2] == NO_HEADING
+
+
+def test_a_body_whose_trunk_is_out_of_view_is_nowhere():
+    assert pose_of(skeleton(Pose2D(), ["pelvis", "spine", "neck"])) is None
+
+
+def test_a_tracker_that_claims_to_have_no_error_is_taken_at_its_resolution():
+    pose = Pose2D(1.0, 0.0, 0.3)
+    found, covariance = pose_of(skeleton(pose, std=0.0))
+    assert found.distance(pose) < 1e-9
+    assert covariance[0][0] > 0.0
+
+
+def test_noise_of_the_joints_is_no_more_than_the_covariance_says():
+    random, pose, std = np.random.default_rng(1), Pose2D(1.0, 0.0, 0.5), 0.02
+    errors = []
+    for _ in range(500):
+        body = skeleton(pose, std=std)
+        noise = std * random.standard_normal((len(JOINTS), 3))
+        moved = tuple(
+            Point(joint.x + dx, joint.y + dy, joint.z + dz)
+            for joint, (dx, dy, dz) in zip(body.joints, noise, strict=True)
+        )
+        seen = Skeleton(id="7", joints=moved, std=body.std, confidence=body.confidence)
+        found, covariance = pose_of(seen)
+        error = np.array([found.x - 1.0, found.y, wrap(found.yaw - 0.5)])
+        errors.append(error**2 / np.diag(covariance))
+    # white noise alone is less than what lasts for many frames, for which there is room
+    assert (np.mean(errors, axis=0) < 1.0).all()
+
+
+def scan_of(circles, walls=(), std=0.0):
+    return scan(Pose2D(), circles, walls, beams=720, std=std)
+
+
+@pytest.mark.parametrize("bearing_deg", [0.0, 90.0, 180.0, -120.0])
+def test_two_legs_are_one_person_between_them_also_across_the_end_of_a_scan(bearing_deg):
+    place = Pose2D(yaw=math.radians(bearing_deg)).compose(Pose2D(1.5, 0.0))
+    legs = [(place.x + 0.15, place.y + 0.1, 0.05), (place.x - 0.15, place.y - 0.1, 0.05)]
+    ((pose, covariance),) = persons(clusters_of(scan_of(legs, std=0.01)))
+    # noise of 10 mm on some ten beams, and what a leg's depth is taken for
+    assert pose.distance(place) < 0.02
+    assert covariance[0][0] == PAIR_STD_M**2
+    assert covariance[2][2] == NO_HEADING
+
+
+def test_one_leg_behind_the_other_is_a_person_with_more_doubt():
+    ((pose, covariance),) = persons(clusters_of(scan_of([(1.5, 0.0, 0.05), (1.9, 0.0, 0.05)])))
+    assert pose.distance(Pose2D(1.5, 0.0)) < 0.03
+    assert covariance[0][0] == SINGLE_STD_M**2
+
+
+@pytest.mark.parametrize(
+    "scan",
+    [
+        scan_of([], walls=[2.0]),
+        scan_of([(3.0, 0.0, 0.5)]),
+        replace(scan_of([]), ranges=(2.0,) * 720),
+        scan_of([]),
+        LaserScan(ranges=(), range_max=12.0),
+    ],
+    ids=["a wall", "a column of 1 m", "a round room", "nothing", "no beams"],
+)
+def test_what_is_no_leg_is_nobody(scan):
+    assert persons(clusters_of(scan)) == []
+
 
 HERE = Pose2D(1.0, 0.0, 0.2)
 
@@ -18,11 +142,11 @@ def test_the_nodes_answer_with_observations_in_base_link():
     scenario = load_scenario(SCENARIOS / "senses.toml")
     tick = Tick(number=0, time_ns=0, period_s=0.04)
     frame = Skeletons(header=Header(frame_id="base_link"), skeletons=(skeleton(HERE),))
-    (seen,) = Body(scenario).step(tick, Inputs({SKELETONS: frame})).values()
+    (seen,) = BodyNode(scenario).step(tick, Inputs({SKELETONS: frame})).values()
     assert seen.ids == ("7",)
     assert seen.poses[0].pose.to_planar().distance(HERE) < 1e-9
     lidar_x = scenario.robot.lidar.position_m[0]
     inputs = Inputs({SCAN: scan(Pose2D(), legs(1.0, 0.0))})
-    (found,) = Legs(scenario).step(tick, inputs).values()
+    (found,) = LegsNode(scenario).step(tick, inputs).values()
     assert found.header.frame_id == "base_link"
     assert found.poses[0].pose.position.x == pytest.approx(1.0 + lidar_x, abs=0.03)

@@ -25,7 +25,7 @@ IMPORTED = [
     "mecazen_controller.node",
     "mecazen_target.node",
     "mecazen_follower.node",
-    "mecazen_follower.perception.node",
+    "mecazen_follower.perception",
 ]
 """Modules that the server imports, if they are installed: those of most scenarios. Reading them
 from the graph would delay the start of the server by the import of the graph."""

@@ -33,7 +33,7 @@ BIAS_STD = {
 """Errors of position [m] and heading [rad] that all frames share, by kind of sensor, so that no
 filter averages them out. For a camera they are the tracker's bias over the view (0.011 m of the
 trunk's joints, 3.6° of the lines through hips and shoulders) and the body's sway and twist of
-`perception.body`. For legs it is their offset behind the person's position, due to gait."""
+`perception`. For legs it is their offset behind the person's position, due to gait."""
 
 GUESS_RAD = math.radians(45.0)
 """Standard deviation of a heading that is not observed."""

@@ -13,7 +13,7 @@ from mecazen.portable import Floats, arctan2
 from mecazen.scan import BOTH_LEGS_M, ranges_of
 from mecazen.walkers import Walkers
 
-from mecazen_follower.perception.legs import clusters_of, persons
+from mecazen_follower.perception import clusters_of, persons
 
 VOXEL_M = 0.1
 """One point is kept per square of this width [m]."""

@@ -1,1 +1,0 @@
-"""Perception: from sensor data to poses of persons."""
