@@ -90,7 +90,8 @@ def random_errands(
         speed = config.speed_m_s + SPEED_STD_M_S * float(random.standard_normal())
         for _ in range(DRAWS):
             start, goal, share = _random_way(config, random)
-            place = tuple(a + share * (b - a) for a, b in zip(start, goal, strict=True))
+            (x, y), (to_x, to_y) = start, goal
+            place = x + share * (to_x - x), y + share * (to_y - y)
             if _is_clear(place, occupied, obstacles):
                 break
         occupied.append(place)
