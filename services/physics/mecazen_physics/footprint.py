@@ -68,43 +68,43 @@ class Footprint(NamedTuple):
         """Radius of the circle round the footprint [m]."""
         return math.hypot(self.half_length, self.half_width) + self.rim
 
-    def gap(self, other: Footprint) -> float:
+    def gap(self, neighbour: Footprint) -> float:
         """Return a lower bound of the distance between the two [m].
 
         The bound is the largest gap along the axes of both footprints, and between each and the
         other's circle. If one footprint is a circle, the bound is exact.
         """
         return max(
-            self._gap_along_axes(other),
-            other._gap_along_axes(self),
-            self._gap_to_circle(other),
-            other._gap_to_circle(self),
+            self._gap_along_axes(neighbour),
+            neighbour._gap_along_axes(self),
+            self._gap_to_circle(neighbour),
+            neighbour._gap_to_circle(self),
         )
 
-    def travel(self, other: Footprint) -> float:
+    def travel(self, neighbour: Footprint) -> float:
         """Return how much closer the two may come within the horizon, plus the clearance [m]."""
-        return CLEARANCE_M + (self.speed + other.speed) * HORIZON_S
+        return CLEARANCE_M + (self.speed + neighbour.speed) * HORIZON_S
 
-    def may_touch(self, other: Footprint, margin: float = 1.0) -> bool:
+    def may_touch(self, neighbour: Footprint, margin: float = 1.0) -> bool:
         """Return whether the two may touch within the horizon; `margin` scales `travel`."""
-        travel = margin * self.travel(other)
-        return self._gap_to_circle(other) <= travel and other._gap_to_circle(self) <= travel
+        travel = margin * self.travel(neighbour)
+        return self._gap_to_circle(neighbour) <= travel and neighbour._gap_to_circle(self) <= travel
 
-    def _gap_along_axes(self, other: Footprint) -> float:
-        ahead, aside = self._offsets(other)
-        turn = other.yaw - self.yaw
+    def _gap_along_axes(self, neighbour: Footprint) -> float:
+        ahead, aside = self._offsets(neighbour)
+        turn = neighbour.yaw - self.yaw
         cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
-        length = cos * other.half_length + sin * other.half_width
-        width = sin * other.half_length + cos * other.half_width
-        return max(ahead - length, aside - width) - self.rim - other.rim
+        length = cos * neighbour.half_length + sin * neighbour.half_width
+        width = sin * neighbour.half_length + cos * neighbour.half_width
+        return max(ahead - length, aside - width) - self.rim - neighbour.rim
 
-    def _gap_to_circle(self, other: Footprint) -> float:
-        ahead, aside = self._offsets(other)
-        return math.hypot(max(ahead, 0.0), max(aside, 0.0)) - self.rim - other.radius
+    def _gap_to_circle(self, neighbour: Footprint) -> float:
+        ahead, aside = self._offsets(neighbour)
+        return math.hypot(max(ahead, 0.0), max(aside, 0.0)) - self.rim - neighbour.radius
 
-    def _offsets(self, other: Footprint) -> tuple[float, float]:
+    def _offsets(self, neighbour: Footprint) -> tuple[float, float]:
         """Return the distances of the other's centre beyond the sides, along x and y [m]."""
-        x, y = other.x - self.x, other.y - self.y
+        x, y = neighbour.x - self.x, neighbour.y - self.y
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         ahead = abs(cos * x + sin * y) - self.half_length
         aside = abs(cos * y - sin * x) - self.half_width

@@ -41,8 +41,8 @@ def check_person(scenario: Scenario, name: str, x: float, y: float) -> None:
     _check(scenario, name, Footprint(x, y, rim=scenario.world.person.radius_m), where)
 
 
-def _check(scenario: Scenario, name: str, other: Footprint, what: str) -> None:
+def _check(scenario: Scenario, name: str, obstacle: Footprint, what: str) -> None:
     robot = Footprint.of_robot(scenario.robot.footprint, scenario.start.pose, 0.0, 0.0)
-    if robot.gap(other) < 0.0:
+    if robot.gap(obstacle) < 0.0:
         key = f"robots.{name}.start" if name else "start"
         raise ConfigError(f"{key}: the robot stands inside the {what}")
