@@ -11,11 +11,11 @@ from mecazen.messages import Twist
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.row import Row, due, every
 from mecazen.wire import NS_PER_S
+from mecazen_follower.association import Measurement
 from mecazen_follower.estimators import Array, Estimate, Estimator
 from mecazen_follower.following import Following
-from mecazen_follower.measurement import Measurement
 from mecazen_follower.node import data_sheet, make_planner, view_of
-from mecazen_follower.tracking import Frame
+from mecazen_follower.tracker import Frame
 
 CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
 """Covariance of the known person; not 0, which would mean unknown."""

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, Standoff
-from mecazen_follower.tracking import TrackingState
+from mecazen_follower.tracker import TrackingState
 from mecazen_tools.trajectory import COVARIANCE
 
 from mecazen_experiments.table import Floats, Poses, Table, wrap

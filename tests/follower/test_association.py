@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.association import DOUBT_S, is_flipped
-from mecazen_follower.measurement import NO_HEADING, Measurement
-from mecazen_follower.tracking import Frame, PersonTracker
+from mecazen_follower.association import DOUBT_S, NO_HEADING, Measurement, is_flipped
+from mecazen_follower.tracker import Frame, PersonTracker
 
 FRAME_S = 0.04
 STD = 0.05, 0.05, math.radians(5.0)

@@ -11,11 +11,11 @@ from follower.rooms import DRIVE
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.config.follower import PidControl, PolarControl
 from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen_follower.association import Measurement
 from mecazen_follower.control import ALL_AROUND, FieldOfView
 from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import SEARCH, Following
-from mecazen_follower.measurement import Measurement
-from mecazen_follower.tracking import Frame
+from mecazen_follower.tracker import Frame
 
 DT = 0.01
 EXACT = ((1e-8, 0.0, 0.0), (0.0, 1e-8, 0.0), (0.0, 0.0, 1e-8))

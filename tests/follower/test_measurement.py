@@ -5,7 +5,7 @@ import math
 import pytest
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
-from mecazen_follower.measurement import Measurement, check
+from mecazen_follower.association import Measurement, check
 
 HERE = Pose2D(1.0, 2.0, 0.5)
 CERTAIN = ((0.0, 0.0, 0.0),) * 3

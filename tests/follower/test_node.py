@@ -23,7 +23,7 @@ from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.following import Following
 from mecazen_follower.node import FollowerNode
 from mecazen_follower.planner import mppi
-from mecazen_follower.tracking import PersonTracker
+from mecazen_follower.tracker import PersonTracker
 
 NEXUS = load_robot()
 ZEROS = (0.0,) * 36

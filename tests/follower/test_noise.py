@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.noise import MAX_RATIO, ReportedNoise
+from mecazen_follower.tracker import MAX_RATIO, ReportedNoise
 
 FRAME_S = 0.04
 STD = np.array([0.05, 0.05, math.radians(5.0)])

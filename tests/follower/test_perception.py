@@ -12,7 +12,7 @@ from mecazen.loading import load_scenario
 from mecazen.messages import Header, LaserScan, Point, Skeleton, Skeletons
 from mecazen.node import Inputs, Tick
 from mecazen.skeleton import JOINTS
-from mecazen_follower.measurement import NO_HEADING
+from mecazen_follower.association import NO_HEADING
 from mecazen_follower.perception import (
     PAIR_STD_M,
     SINGLE_STD_M,

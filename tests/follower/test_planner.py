@@ -9,10 +9,10 @@ from follower.rooms import BODY, DRIVE, TICK, follow, legs, planner_of, scan, st
 from mecazen.config import SensorConfig
 from mecazen.config.follower import PidControl
 from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
+from mecazen_follower.association import Measurement
 from mecazen_follower.following import Following
-from mecazen_follower.measurement import Measurement
 from mecazen_follower.planner.surroundings import MEMORY_S, LocalMap
-from mecazen_follower.tracking import Frame
+from mecazen_follower.tracker import Frame
 
 ORIGIN = Pose2D()
 SURE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))

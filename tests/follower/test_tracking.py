@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D
-from mecazen_follower.measurement import NO_HEADING, Measurement
-from mecazen_follower.tracking import Frame, PersonTracker
+from mecazen_follower.association import NO_HEADING, Measurement
+from mecazen_follower.tracker import Frame, PersonTracker
 
 NOISE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))
 

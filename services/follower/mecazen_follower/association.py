@@ -10,12 +10,20 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
+from mecazen.limits import FARTHEST_M
 from mecazen.messages import PlanarCovariance
+from mecazen.walkers import Walker
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.measurement import Measurement, has_heading
+from mecazen_follower.estimators.base import MIN_NOISE
 
+NO_HEADING = 100.0
+"""Minimum variance of a heading that is not observed [rad²]."""
+MARGIN = 1e-13
+"""Margin by which a covariance must exceed semidefinite, as a share of its variances: scaling and
+adding covariances rounds each number by a relative 1e-16."""
 GATE = 25.0
 """Gate of the squared Mahalanobis distance in the plane: 1 in 270,000 true detections is beyond."""
 NAMELESS_GATE = 9.0
@@ -42,84 +50,116 @@ STANDING_GAIN = 0.2
 """Gain of the position of a track that stands: too small for a person who walks by."""
 HIDDEN_S = 5.0
 """Time after which a track that stands is forgotten: the person may hide it for so long [s]."""
-OTHER_SPEED_STD_M_S, OTHER_ACCELERATION_STD_M_S2 = 1.0, 2.0
-"""Prior and random walk of the velocity of other people."""
 CROWD = 30
 """Maximum number of detections per frame, nearest first; the work grows with its square."""
 FLIP_PROBABILITY = 0.03
 """Probability that a tracker confuses front and back."""
 
 
-class Track:
-    """The track of another person or thing, with the same variance along both axes.
+class Measurement(NamedTuple):
+    """An observed pose of a person in odom, and its 3x3 covariance of (x, y, yaw)."""
 
-    It has a constant velocity, or it stands.
+    pose: Pose2D
+    covariance: PlanarCovariance
+    identity: str = ""
+    """The sensor's id of the person; empty if there is none."""
+
+
+def has_heading(measurement: Measurement) -> bool:
+    """Return whether the sensor observed the heading."""
+    return measurement.covariance[2][2] < NO_HEADING
+
+
+def check(measurement: Measurement) -> Measurement:
+    """Return a measurement that every estimator can use.
+
+    Raises:
+        RefusedError: The pose is not finite or farther than 1000 km, or the covariance is not
+            finite, symmetric and positive semidefinite.
     """
+    pose, covariance, _ = measurement
+    if not all(abs(number) <= FARTHEST_M for number in pose):
+        raise RefusedError(f"observation is out of range: {tuple(pose)}")
+    if not all(abs(number) <= FARTHEST_M**2 for row in covariance for number in row):
+        raise RefusedError("covariance of an observation must be finite")
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
+    symmetric = all(
+        math.isclose(upper, lower, rel_tol=1e-5, abs_tol=1e-8)  # to single precision
+        for upper, lower in ((xy, yx), (xw, wx), (yw, wy))
+    )
+    least, kept = float(MIN_NOISE[0, 0]), 1.0 - MARGIN
+    variances = xx * kept + least, yy * kept + least, ww * kept + least
+    if not (symmetric and _is_positive(*variances, yx, wx, wy)):
+        raise RefusedError("covariance of an observation must be symmetric and positive")
+    return measurement
+
+
+def _is_positive(xx: float, yy: float, ww: float, yx: float, wx: float, wy: float) -> bool:
+    """Return whether a symmetric matrix is positive definite, by Gaussian elimination."""
+    if xx <= 0.0:
+        return False
+    yy -= yx / xx * yx
+    wy -= wx / xx * yx
+    ww -= wx / xx * wx
+    return yy > 0.0 and ww - wy / yy * wy > 0.0
+
+
+class OtherTrack:
+    """The track of another person or thing: a walker, or something that stands."""
 
     def __init__(self, time: float, seen: Measurement) -> None:
-        self.seen_at = time
+        self._walker = Walker.begin(time, seen.pose[:2], spread(seen.covariance))
         self._identity = seen.identity
-        self._x, self._y = seen.pose.x, seen.pose.y
-        self._vx = self._vy = 0.0
-        self._variances = spread(seen.covariance), 0.0, OTHER_SPEED_STD_M_S**2
-        """Variance of the position, its covariance with the velocity, variance of the velocity."""
-        self._time = time
-        self._place = self._x, self._y, time
-        """Position and time since which the track is near it."""
+        self._place = time, seen.pose[:2]
+        """Time since which the track is near a place, and that place."""
 
     @property
     def stands(self) -> bool:
         """Whether the track has been near a place for `STANDING_S`."""
-        return self.seen_at - self._place[2] >= STANDING_S
+        return self._walker.seen[0] - self._place[0] >= STANDING_S
 
     @property
     def is_old(self) -> bool:
         """Whether the track has not been seen for too long."""
-        return self._time - self.seen_at > (HIDDEN_S if self.stands else FORGET_S)
+        unseen = self._walker.time - self._walker.seen[0]
+        return unseen > (HIDDEN_S if self.stands else FORGET_S)
 
     def predict(self, time: float) -> None:
         """Propagate to a time [s]."""
-        dt, (pp, pv, vv) = time - self._time, self._variances
-        self._time = time
-        if self.stands:
-            return
-        self._x += self._vx * dt
-        self._y += self._vy * dt
-        q = OTHER_ACCELERATION_STD_M_S2**2 * dt
-        self._variances = (
-            pp + (2.0 * pv + vv * dt) * dt + q * dt * dt / 3.0,
-            pv + vv * dt + q * dt / 2.0,
-            vv + q,
-        )
+        walker = self._walker
+        self._walker = walker._replace(time=time) if self.stands else walker.predicted(time)
 
     def claims(self, seen: Measurement) -> bool:
         """Return whether a detection is where this track stands."""
-        return self.stands and math.dist((self._x, self._y), seen.pose[:2]) <= STILL_M
+        place = self._walker.x, self._walker.y
+        return self.stands and math.dist(place, seen.pose[:2]) <= STILL_M
 
     def cost(self, seen: Measurement) -> float:
         """Return the cost of assigning a detection to this track; infinite outside the gate."""
-        variance = self._variances[0] + spread(seen.covariance)
-        distance = ((seen.pose.x - self._x) ** 2 + (seen.pose.y - self._y) ** 2) / variance
+        variance = self._walker.variances[0] + spread(seen.covariance)
+        dx, dy = seen.pose.x - self._walker.x, seen.pose.y - self._walker.y
+        distance = (dx * dx + dy * dy) / variance
         if distance >= GATE:
             return math.inf
         return distance + 2.0 * math.log(variance) - hint(self._identity, seen)
 
     def update(self, seen: Measurement) -> None:
         """Correct with a measurement."""
-        pp, pv, vv = self._variances
-        noise = spread(seen.covariance)
-        gain, rate = pp / (pp + noise), pv / (pp + noise)
+        walker, (x, y, _) = self._walker, seen.pose
         if self.stands:  # only the side that the robot sees changes
-            gain, rate, self._vx, self._vy = STANDING_GAIN, 0.0, 0.0, 0.0
+            self._walker = walker._replace(
+                x=walker.x + STANDING_GAIN * (x - walker.x),
+                y=walker.y + STANDING_GAIN * (y - walker.y),
+                vx=0.0,
+                vy=0.0,
+                seen=(walker.time, x, y),
+            )
         else:
-            self._variances = gain * noise, rate * noise, vv - rate * pv
-        dx, dy = seen.pose.x - self._x, seen.pose.y - self._y
-        self._x, self._y = self._x + gain * dx, self._y + gain * dy
-        self._vx, self._vy = self._vx + rate * dx, self._vy + rate * dy
-        self.seen_at = self._time
+            self._walker = walker.corrected((x, y), spread(seen.covariance))
         self._identity = seen.identity or self._identity
-        if math.dist(self._place[:2], (self._x, self._y)) > STILL_M:
-            self._place = self._x, self._y, self._time
+        place = self._walker.x, self._walker.y
+        if math.dist(self._place[1], place) > STILL_M:
+            self._place = self._walker.time, place
 
 
 class Association:
@@ -134,7 +174,7 @@ class Association:
 
     def reset(self) -> None:
         """Forget all people."""
-        self._others: list[Track] = []
+        self._others: list[OtherTrack] = []
         self._forget_person()
 
     def _forget_person(self) -> None:
@@ -174,35 +214,45 @@ class Association:
             return None
         if len(seen) > CROWD:
             place = expected if person is None else person.pose
-            seen = sorted(seen, key=lambda one: one.pose.distance(place))[:CROWD]
+            seen = sorted(seen, key=lambda measurement: measurement.pose.distance(place))[:CROWD]
         if person is None:
             return self._restart(nearest(seen, expected))
         if unseen > self._patience:
             return self._restart(nearest(seen, person.pose))
-        mine, rest = self._assign(time, person, seen, GATE if begins else NAMELESS_GATE)
+        mine, free = self._assign(time, person, seen, GATE if begins else NAMELESS_GATE)
         last = self._last if unseen > DOUBT_S else person.pose
         # a person out of sight may have stopped anywhere on the predicted path
-        far = [one for one in rest if from_line(one.pose, last, person.pose) >= APART_M]
+        far = [
+            detection
+            for detection in free
+            if from_line(detection.pose, last, person.pose) >= APART_M
+        ]
         if mine is not None:
             self._add(time, far)
             if begins:
                 self._contradicted = Contradiction()
             return self._accept(time, person, mine)
-        if not rest:
+        if not free:
             return None  # all are known to be other people
-        named = [one for one in rest if one.identity and one.identity == self._identity]
-        found = nearest(named or rest, person.pose)
+        named = [
+            detection
+            for detection in free
+            if detection.identity and detection.identity == self._identity
+        ]
+        candidate = nearest(named or free, person.pose)
         if begins:
             self._contradicted = self._contradicted.again(time)
-        near = bool(named) or from_line(found.pose, last, person.pose) < APART_M
+        near = bool(named) or from_line(candidate.pose, last, person.pose) < APART_M
         if begins and (lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))):
-            return self._restart(found)
+            return self._restart(candidate)
         self._add(time, far)
         return None
 
     def _add(self, time: float, seen: Sequence[Measurement]) -> None:
         """Begin tracks of other people."""
-        self._others = [*self._others, *(Track(time, one) for one in seen)][-CROWD:]
+        self._others = [*self._others, *(OtherTrack(time, detection) for detection in seen)][
+            -CROWD:
+        ]
 
     def _assign(
         self, time: float, person: Estimate, seen: Sequence[Measurement], gate: float
@@ -212,31 +262,35 @@ class Association:
         Pairs of track and measurement are taken in the order of their likelihood, those with what
         stands first: a person who is hidden behind a thing is not the thing.
         """
-        for other in self._others:
-            other.predict(time)
-        self._others = [other for other in self._others if not other.is_old]
-        tracks: list[Track | None] = [None, *self._others]
-        named = any(one.identity and one.identity == self._identity for one in seen)
+        for neighbour in self._others:
+            neighbour.predict(time)
+        self._others = [track for track in self._others if not track.is_old]
+        tracks: list[OtherTrack | None] = [None, *self._others]
+        named = any(
+            detection.identity and detection.identity == self._identity for detection in seen
+        )
         pairs = []
-        for i, one in enumerate(seen):
+        for i, detection in enumerate(seen):
             for j, track in enumerate(tracks):
-                if track is None and named and one.identity != self._identity:
+                if track is None and named and detection.identity != self._identity:
                     continue  # a sensor does not see a person twice
-                cost = self._cost(person, one, gate) if track is None else track.cost(one)
+                cost = (
+                    self._cost(person, detection, gate) if track is None else track.cost(detection)
+                )
                 if cost < math.inf:
-                    pairs.append((track is None or not track.claims(one), cost, i, j))
-        mine, taken, used = None, set[int](), set[int]()
+                    pairs.append((track is None or not track.claims(detection), cost, i, j))
+        mine, assigned, used = None, set[int](), set[int]()
         for _, _, i, j in sorted(pairs):
-            if i in taken or j in used:
+            if i in assigned or j in used:
                 continue
-            taken.add(i)
+            assigned.add(i)
             used.add(j)
             track = tracks[j]
             if track is None:
                 mine = seen[i]
             else:
                 track.update(seen[i])
-        return mine, [one for i, one in enumerate(seen) if i not in taken]
+        return mine, [detection for i, detection in enumerate(seen) if i not in assigned]
 
     def _cost(self, person: Estimate, seen: Measurement, gate: float) -> float:
         """Return the cost of a measurement being the person's; infinite outside the gate."""
@@ -271,7 +325,7 @@ class Association:
     def _restart(self, seen: Measurement) -> tuple[Measurement, bool]:
         """Return a measurement that restarts the person's track."""
         self._forget_person()
-        self._others = [other for other in self._others if other.cost(seen) == math.inf]
+        self._others = [track for track in self._others if track.cost(seen) == math.inf]
         self._identity = seen.identity
         self._last = seen.pose
         self._hits = 1
@@ -317,7 +371,7 @@ def is_flipped(innovation: float, variance: float) -> bool:
 
 def nearest(seen: Sequence[Measurement], pose: Pose2D) -> Measurement:
     """Return the measurement that is the nearest to a pose."""
-    return min(seen, key=lambda one: one.pose.distance(pose))
+    return min(seen, key=lambda measurement: measurement.pose.distance(pose))
 
 
 def from_line(pose: Pose2D, begin: Pose2D, end: Pose2D) -> float:

@@ -21,7 +21,7 @@ from mecazen_follower.control import (
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import Plan
 from mecazen_follower.planner.mppi import Planner
-from mecazen_follower.tracking import Frame, PersonTracker, TrackingState
+from mecazen_follower.tracker import Frame, PersonTracker, TrackingState
 
 MAX_STEP = 0.5
 """A pose jumps if it changes by more than this [m, rad] in a tick ..."""

@@ -18,13 +18,13 @@ from mecazen.ticks import ticks_per_sample
 from mecazen.wire import NS_PER_S
 from msgspec.structs import replace
 
+from mecazen_follower.association import Measurement, check
 from mecazen_follower.control import FieldOfView, kept_view
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
-from mecazen_follower.measurement import Measurement, check
 from mecazen_follower.planner.costs import Extents, SensorView
 from mecazen_follower.planner.mppi import Planner
-from mecazen_follower.tracking import Frame
+from mecazen_follower.tracker import Frame
 
 logger = logging.getLogger(__name__)
 

@@ -9,13 +9,12 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from mecazen.config import FollowerConfig, SensorConfig
-from mecazen.geometry import Pose2D
+from mecazen.geometry import Pose2D, wrap
+from mecazen.messages import PlanarCovariance
 
-from mecazen_follower.association import Association, nearest
+from mecazen_follower.association import Association, Measurement, has_heading, nearest
 from mecazen_follower.estimators import Estimate, make_estimator
 from mecazen_follower.estimators.base import as_tuple
-from mecazen_follower.measurement import Measurement, has_heading
-from mecazen_follower.noise import ReportedNoise
 
 MISSED_FRAMES = 1.5
 """Number of sensor periods without an observation after which a frame counts as missed."""
@@ -37,6 +36,12 @@ trunk's joints, 3.6° of the lines through hips and shoulders) and the body's sw
 
 GUESS_RAD = math.radians(45.0)
 """Standard deviation of a heading that is not observed."""
+MEMORY_S = 5.0
+"""Time constant of the mean [s]."""
+LONGEST_FRAME_S = 0.1
+"""Longest frame period [s]: over a longer period the person's acceleration exceeds the noise."""
+DOUBTED, MAX_RATIO = 1.5, 9.0
+"""Ratios of variances: a ratio below `DOUBTED` may be chance; `MAX_RATIO` is the upper bound."""
 
 
 class TrackingState(StrEnum):
@@ -59,6 +64,63 @@ class Frame(NamedTuple):
     measurements: Sequence[Measurement]
     begins: bool = True
     """Whether the frame may start the person's track, and not only continue it."""
+
+
+class ReportedNoise:
+    """The sensor's actual variances relative to those that it reports, of position and yaw.
+
+    The second difference of three frames z, z' - 2 z + z'', contains almost none of the person's
+    motion and has six times the variance of white noise. No model of motion is needed, so a
+    manoeuvre is not taken for noise. A sensor that is better than it reports does no harm.
+    """
+
+    def __init__(self) -> None:
+        self._ratios = 1.0, 1.0
+        self._last: tuple[float, Pose2D] | None = None
+        self._step: tuple[float, Pose2D] | None = None
+        """The last period [s], and the difference of the poses over it."""
+
+    def learn(self, time: float, pose: Pose2D, covariance: PlanarCovariance) -> None:
+        """Learn from a measurement captured at `time` [s], with its `corrected` covariance."""
+        last, before = self._last, self._step
+        self._last, self._step = (time, pose), None
+        if last is None or time - last[0] > LONGEST_FRAME_S:
+            return
+        dt, (x, y, yaw) = time - last[0], last[1]
+        self._step = dt, Pose2D(pose.x - x, pose.y - y, wrap(pose.yaw - yaw))
+        if before is None or not math.isclose(before[0], dt, rel_tol=0.01):
+            return
+        xx, yy, ww = ((b - a) ** 2 / 6.0 for a, b in zip(before[1], self._step[1], strict=True))
+        (rxx, _, _), (_, ryy, _), (_, _, rww) = covariance
+        weight = -math.expm1(-dt / MEMORY_S)
+        ratios = (xx + yy) / (rxx + ryy), ww / rww
+        position, heading = (
+            min(old + weight * (applied * new - old), MAX_RATIO)
+            for old, applied, new in zip(self._ratios, self._applied, ratios, strict=True)
+        )
+        self._ratios = position, heading
+
+    @property
+    def _applied(self) -> tuple[float, float]:
+        position, heading = (ratio if ratio > DOUBTED else 1.0 for ratio in self._ratios)
+        return position, heading
+
+    def correct(self, measurement: Measurement) -> Measurement:
+        """Return a measurement with its covariance `corrected`."""
+        return measurement._replace(covariance=self.corrected(measurement.covariance))
+
+    def corrected(self, covariance: PlanarCovariance) -> PlanarCovariance:
+        """Return a reported covariance, scaled up if the sensor is noisier than it reports."""
+        position, heading = self._applied
+        if position == heading == 1.0:
+            return covariance
+        both = math.sqrt(position * heading)
+        (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
+        return (
+            (xx * position, xy * position, xw * both),
+            (yx * position, yy * position, yw * both),
+            (wx * both, wy * both, ww * heading),
+        )
 
 
 class PersonTracker:
@@ -148,8 +210,8 @@ class PersonTracker:
         captured, measurements, begins = frame
         lost = self.state is TrackingState.LOST
         known = [
-            one._replace(covariance=as_tuple(self.estimator.noise(one.covariance)))
-            for one in measurements
+            measurement._replace(covariance=as_tuple(self.estimator.noise(measurement.covariance)))
+            for measurement in measurements
         ]
         if not known or captured <= self._captured[begins] or captured < self._captured[not begins]:
             return False  # the frame is empty, or older than the estimate
@@ -167,8 +229,7 @@ class PersonTracker:
             self.estimator.update(*nearest(known, pose)[:2])
             return True
         known = [
-            one._replace(covariance=self._noise.corrected(one.covariance))
-            for one in (_headed(one, person, expected) for one in known)
+            self._noise.correct(_headed(measurement, person, expected)) for measurement in known
         ]
         choice = self._association.choose(
             captured,
@@ -212,16 +273,16 @@ def _biased(person: Estimate, place_std: float, yaw_std: float) -> Estimate:
     return person._replace(covariance=covariance)
 
 
-def _headed(one: Measurement, person: Estimate | None, expected: Pose2D) -> Measurement:
+def _headed(measurement: Measurement, person: Estimate | None, expected: Pose2D) -> Measurement:
     """Fill in the heading of a measurement without one from the estimate.
 
     Before the person is known, the heading is that of `expected`, with the deviation `GUESS_RAD`.
     """
-    if has_heading(one):
-        return one
+    if has_heading(measurement):
+        return measurement
     if person is not None:
-        return one._replace(pose=one.pose._replace(yaw=person.pose.yaw))
-    guess = one.pose._replace(yaw=expected.yaw)
-    (xx, xy, _), (yx, yy, _), _ = one.covariance
+        return measurement._replace(pose=measurement.pose._replace(yaw=person.pose.yaw))
+    guess = measurement.pose._replace(yaw=expected.yaw)
+    (xx, xy, _), (yx, yy, _), _ = measurement.covariance
     covariance = (xx, xy, 0.0), (yx, yy, 0.0), (0.0, 0.0, GUESS_RAD**2)
-    return one._replace(pose=guess, covariance=covariance)
+    return measurement._replace(pose=guess, covariance=covariance)
