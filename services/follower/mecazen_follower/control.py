@@ -182,13 +182,20 @@ def allocate(
         turns_first: Whether the yaw rate gets `TURN_SHARE` of the rim speed before the distance.
     """
     share = TURN_SHARE * drive.rim_speed / drive.lever if turns_first and drive.lever > 0.0 else 0.0
+    twist = Twist2D(*rotate(target.away, target.around, direction), target.yaw)
     fastest = [(-axis.velocity, axis.velocity) for axis in drive.axes]
-    twist = _in_order(Twist2D(), target, direction, share, fastest, drive, max_speed)
+    is_slow = math.hypot(target.away, target.around) <= max_speed
+    if not (is_slow and drive.rims(twist) <= drive.rim_speed and _is_within(twist, fastest)):
+        twist = _in_order(Twist2D(), target, direction, share, fastest, drive, max_speed)
     reach = [axis.reach(now, dt) for axis, now in zip(drive.axes, last, strict=True)]
-    if all(low <= v <= high for v, (low, high) in zip(twist, reach, strict=True)):
+    if _is_within(twist, reach):
         return twist
     target = PolarTwist(*rotate(twist.x, twist.y, -direction), twist.yaw)
     return _in_order(last, target, direction, share, reach, drive, max_speed)
+
+
+def _is_within(twist: Twist2D, ranges: list[tuple[float, float]]) -> bool:
+    return all(low <= v <= high for v, (low, high) in zip(twist, ranges, strict=True))
 
 
 def _in_order(
