@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import itemgetter
 
-from mecazen.arrays import to_rectangle
+import numpy as np
+from mecazen.arrays import between, to_rectangle
 from mecazen.config import WorldConfig
 from mecazen.config import people as config
 from mecazen.config.world import Box
@@ -132,22 +134,27 @@ def check_path(path: PersonPath, world: WorldConfig, height: float, until: float
     """
     solids = [s for s in world.solids if not (isinstance(s, Box) and s.bottom_m >= height)]
     t, end = 0.0, min(path.duration, until)
+    times, places = [], []
     while solids and t <= end:
         pose, twist, _ = path.at(t)
-        for solid in solids:
-            x, y = solid.position_m
-            if isinstance(solid, Box):
-                at = Pose2D(x, y, math.radians(solid.yaw_deg)).between(pose)
-                half = solid.size_m[0] / 2, solid.size_m[1] / 2
-                gap = float(to_rectangle(at.x, at.y, half))
-            else:
-                gap = math.hypot(pose.x - x, pose.y - y) - solid.size_m[0]
-            if gap < 0.0:
-                kind = "box" if isinstance(solid, Box) else "cylinder"
-                raise ConfigError(
-                    f"crosses the {kind} at [{x:g}, {y:g}] after {t:.1f} s; move one of them"
-                )
+        times.append(t)
+        places.append(pose[:2])
         t += min(LONGEST_STEP_S, STEP_M / max(math.hypot(twist.x, twist.y), 1e-6))
+    xy = np.array(places)
+    crossings = []
+    for solid in solids:
+        x, y = solid.position_m
+        if isinstance(solid, Box):
+            ahead, beside = between(Pose2D(x, y, math.radians(solid.yaw_deg)), xy).T
+            half = solid.size_m[0] / 2, solid.size_m[1] / 2
+            kind, gaps = "box", to_rectangle(ahead, beside, half)
+        else:
+            kind, gaps = "cylinder", np.hypot(xy[:, 0] - x, xy[:, 1] - y) - solid.size_m[0]
+        if (gaps < 0.0).any():
+            crossings.append((times[int(np.argmax(gaps < 0.0))], kind, x, y))
+    if crossings:
+        t, kind, x, y = min(crossings, key=itemgetter(0))
+        raise ConfigError(f"crosses the {kind} at [{x:g}, {y:g}] after {t:.1f} s; move one of them")
 
 
 def _curve(
