@@ -1,4 +1,4 @@
-"""What a scenario computes from its settings: times in ticks, robots, the bus."""
+"""Values that a scenario computes from its settings: times in ticks, robots, the bus."""
 
 import math
 from pathlib import Path

@@ -305,7 +305,7 @@ def test_folds_alternate_over_the_sessions_of_a_group_or_else_over_its_runs(samp
     assert folds(one) == [0, 1, 0, 1]
 
 
-# ---- what is wrong with a file is one line
+# ---- each wrong file gives one line
 
 
 def swapped(run, *order):

@@ -99,11 +99,11 @@ def follow(
     """Yield person, robot and the robot's twist after each tick; it starts at the goal.
 
     Args:
-        config: The follower's.
+        config: Configuration of the follower.
         seconds: Duration.
-        walk: The person's body twist at a time.
-        noise: As `NOISE`.
-        robot: From command to twist; `lagging` by default.
+        walk: Function from time to the person's body twist.
+        noise: Standard deviations, like `NOISE`.
+        robot: Function from command to twist; `lagging` by default.
         covariance: What the sensor reports.
         sensor_delay: Time from the capture of a frame to its arrival [s].
         data_sheet: What the follower knows of the sensor.

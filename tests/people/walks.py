@@ -1,4 +1,4 @@
-"""What the tests of people share: walks, footfalls, angles by another way, and derivatives."""
+"""Walks, footfalls, independent angles and derivatives for the tests of people."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What is refused before a run starts."""
+"""Scenarios that physics refuses before a run starts."""
 
 from __future__ import annotations
 

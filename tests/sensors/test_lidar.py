@@ -1,4 +1,4 @@
-"""What a scan shows, and how its noise is drawn."""
+"""The ranges of a scan and their noise."""
 
 import math
 

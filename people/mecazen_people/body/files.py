@@ -35,8 +35,6 @@ def read(file: Path) -> MotionFile:
     suffix = file.suffix.lower()
     if suffix not in READERS:
         raise ConfigError(f"{file}: must end in one of {', '.join(READERS)}")
-    with open_regular(file):
-        pass
     try:
         with np.errstate(all="ignore"):  # numbers that are not finite are refused below
             motion = READERS[suffix](file)
@@ -87,6 +85,8 @@ def _read_c3d(file: Path) -> MotionFile:
         import ezc3d  # noqa: PLC0415  # an extra
     except ImportError:
         raise ConfigError(f"{file}: C3D needs ezc3d: pip install 'mecazen[c3d]'") from None
+    with open_regular(file):
+        pass  # ezc3d opens the file by its name
     content = ezc3d.c3d(str(file))
     settings, points = content["parameters"]["POINT"], content["data"]["points"]
     names = settings["LABELS"]["value"]

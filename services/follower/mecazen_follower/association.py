@@ -259,8 +259,8 @@ class Association:
     ) -> tuple[Measurement | None, list[Measurement]]:
         """Return the person's measurement and those without a known track; update other tracks.
 
-        Pairs of track and measurement are taken in the order of their likelihood, those with what
-        stands first: a person who is hidden behind a thing is not the thing.
+        Pairs of track and measurement are taken in the order of their likelihood, those with
+        standing tracks first: a thing in front of a hidden person is not that person.
         """
         for neighbour in self._others:
             neighbour.predict(time)

@@ -137,8 +137,8 @@ def process_noise(variances: Sequence[float], x: Array, dt: float) -> Array:
     The discretised white accelerations of BSLK 6.2.2, along the heading and of the heading.
 
     Args:
-        variances: Of the random walks of the position after 1 m walked, and of position, heading,
-            speed and turn rate after 1 s.
+        variances: The random walks' variances: of the position after 1 m walked, and of position,
+            heading, speed and turn rate after 1 s.
         x: The state (5) at which the random walks start.
         dt: Time [s].
     """

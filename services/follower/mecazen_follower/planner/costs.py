@@ -51,7 +51,7 @@ class Extents(NamedTuple):
 
 
 class Situation(NamedTuple):
-    """What lies ahead, relative to the robot's position and along odom's axes.
+    """Person, obstacles and walkers ahead, relative to the robot's position, along odom's axes.
 
     `person` and `goals` (steps, 3) contain x, y and yaw; `walkers` (steps, n, 2) and `standing` (n,
     2) contain positions.

@@ -154,7 +154,7 @@ class Planner:
 
         Args:
             nominal: Commands (STEPS, 3, modes) about which to sample.
-            situation: What lies ahead.
+            situation: The person, obstacles and walkers ahead.
         """
         modes, samples = nominal.shape[-1], self._noise.shape[-1]
         ends = np.arange(modes + 1) * samples // modes
