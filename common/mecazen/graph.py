@@ -92,7 +92,7 @@ def rows(features: Set[str]) -> tuple[Row, ...]:
         _target(features),
         Row(
             "crowd",
-            "other people, and where everybody is",
+            "other people, and the positions of all persons and robots",
             program="mecazen_target.crowd:CrowdNode",
             inputs=(
                 every(keys.CLOCK),

@@ -1,7 +1,7 @@
 """The table of plausible numbers: their limits in messages.
 
 A sample or a request beyond its limits is refused where its bytes are decoded, before any node
-sees it. Outputs of user nodes and of persons are checked before they are published.
+sees it. Outputs of user nodes, target and crowd are checked before they are published.
 """
 
 from __future__ import annotations

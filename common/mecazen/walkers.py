@@ -3,7 +3,7 @@
 Each track is a Kalman filter of a constant velocity that does a random walk, with the same variance
 along both axes: Y. Bar-Shalom, X. R. Li & T. Kirubarajan, Estimation with Applications to Tracking
 and Navigation, 2001, section 6.2.2. With pairs of legs 10 times a second its gains of position and
-velocity settle at 0.55 and 0.21, near those of a line through the last five positions.
+velocity settle at 0.55 and 0.21 a scan, near those of a line through the last five positions.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ WALK_M2_S3 = 0.5
 """Spectral density of the acceleration: the velocity's variance grows by it each second [m²/s³]."""
 GATE_M = 0.5
 """Maximum distance of a detection from the predicted position [m]."""
+STILL_M_S = 0.3
+"""Slower tracks count as standing [m/s], since the middle of the visible points of a standing
+object also moves while the robot drives around it."""
 FORGET_S = 0.5
 """Time without a detection after which a track ends [s]."""
 LOOKED_S = 1.0

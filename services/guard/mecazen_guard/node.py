@@ -12,11 +12,12 @@ from mecazen.geometry import Pose2D, PoseHistory, Twist2D
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ROUNDING_S
+from mecazen.wire import NS_PER_S
 
 from mecazen_guard.guard import Guard, Verdict
 from mecazen_guard.surroundings import Surroundings
 
-HISTORY_NS = 10**9
+HISTORY_NS = NS_PER_S
 """Time for which poses are kept [ns]; older scans are refused."""
 SILENT_SCANS = 3.0
 """Number of scan periods without a scan after which a lidar counts as silent."""
@@ -66,7 +67,7 @@ class GuardNode(Node):
         if tick.period_s > 0.0:  # if 0, a newer command replaces the one of this tick
             self._place(tick, inputs[ODOM])
         if (scan := inputs.get(SCAN)) is not None:
-            self._see(tick.time_ns / 1e9, scan, inputs)
+            self._see(tick.time_ns / NS_PER_S, scan, inputs)
         if (command := inputs.get(CMD_VEL)) is not None:
             self.wanted = command
         fresh = inputs.age_s(CMD_VEL) <= self.timeout_s + ROUNDING_S
@@ -108,7 +109,7 @@ class GuardNode(Node):
     def _decide(self, tick: Tick, wanted: Twist2D) -> tuple[Verdict, str]:
         """Return the verdict, and the fault of the lidar; "" if it has none."""
         seen = self.surroundings.time
-        age_s = math.inf if seen is None else tick.time_ns / 1e9 - seen
+        age_s = math.inf if seen is None else tick.time_ns / NS_PER_S - seen
         fault = self.fault
         if not fault and age_s > self.silence_s + ROUNDING_S:
             fault = f"the lidar has been silent for {age_s:.1f} s"

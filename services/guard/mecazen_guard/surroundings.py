@@ -21,7 +21,8 @@ from mecazen.scan import (
     clusters,
     ranges_of,
 )
-from mecazen.walkers import Place, Walker, Walkers
+from mecazen.walkers import STILL_M_S, Place, Walker, Walkers
+from mecazen.wire import NS_PER_S
 
 from mecazen_guard.guard import Points
 
@@ -46,9 +47,6 @@ HIDDEN_BEAMS = 3
 range."""
 WALKING_SCANS = 3
 """Minimum number of detections; with fewer, the velocity is assumed to be 0."""
-STILL_M_S = 0.3
-"""Slower tracks count as standing [m/s], since the middle of the visible points of a standing
-object also moves while the robot drives around it."""
 
 
 def _velocities(track: Walker) -> tuple[Place, Place]:
@@ -71,7 +69,7 @@ class Surroundings:
     """Keeps the points of the newest scan and the tracks of people, in odom.
 
     Args:
-        config: Margins, and the maximum speed of people.
+        config: The guard's margins and limits.
         lidar: The lidar's data sheet.
         mount: Pose of the lidar in base_link.
         is_real: Whether scans come from a real lidar, whose driver may send 0 for no return.
@@ -93,9 +91,9 @@ class Surroundings:
 
     def implausible(self, scan: LaserScan, now: float) -> str:
         """Return the fault of a scan that arrives at `now` [s]; "" if it has none."""
-        stamp, beams = scan.header.stamp.ns / 1e9, len(scan.ranges)
+        stamp, beams = scan.header.stamp.ns / NS_PER_S, len(scan.ranges)
         if stamp > now + 1e-9:
-            return f"a scan is of {stamp - now:.3g} s ahead"
+            return f"the stamp of a scan is {stamp - now:.3g} s ahead"
         if self.time is not None and stamp <= self.time:
             return "a scan is not newer than the last"
         if beams < self._lidar.beams:
@@ -110,7 +108,7 @@ class Surroundings:
 
     def update(self, scan: LaserScan, robot: Pose2D) -> None:
         """Update with a scan that was captured with base_link at `robot` in odom."""
-        self.time = scan.header.stamp.ns / 1e9
+        self.time = scan.header.stamp.ns / NS_PER_S
         ranges = _with_hidden(scan, ranges_of(scan, is_real=self._is_real))
         seen = clusters(scan, ranges, GAP_M, FARTHEST_M).moved(robot.compose(self._mount))
         if not len(seen.xy):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import dartpy as dart
@@ -67,9 +66,13 @@ class RobotBody:
         self.hubs, self.rollers = children[: len(WHEELS)], children[len(WHEELS) :]
         """The bodies of the wheels without their rollers, and those of the rollers by wheel."""
         count = robot.rollers.count
+        self._pitch = math.tau / count
+        """Angle from one roller of a wheel to the next [rad]."""
         shapes = [roller.getShapeNode(0) for roller in self.rollers]
         self._shapes = [shapes[i * count : (i + 1) * count] for i in range(len(WHEELS))]
         """The shapes of the rollers of each wheel."""
+        self._friction: list[float] = []
+        """The friction coefficients that `set_friction` has set."""
         base = self.skeleton.getBodyNode(0)
         self._base_shapes = base.getShapeNodes()
         self._lowest: list[int] = []
@@ -159,12 +162,11 @@ class RobotBody:
         Call it after each step: within a step, a wheel at its highest speed passes no roller. The
         search for the contacts of all shapes takes 8 to 10 % of the time of `Simulation.advance`.
         """
-        count = len(self._shapes[0])
-        pitch = math.tau / count
+        count = self._robot.rollers.count
         angles = self._position[BASE_DOFS : BASE_DOFS + len(WHEELS)]
         if not math.isfinite(sum(angles)):
             return  # diverged, which `check_converged` reports
-        lowest = [-round(angle / pitch) % count for angle in angles]
+        lowest = [-round(angle / self._pitch) % count for angle in angles]
         if lowest != self._lowest:
             self._lowest = lowest
             self.world.hide(self._base_shapes)
@@ -200,8 +202,11 @@ class RobotBody:
             rim.setRelativeRotation([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         self.world.renew_detector()
 
-    def set_friction(self, coefficients: Sequence[float]) -> None:
+    def set_friction(self, coefficients: list[float]) -> None:
         """Set the coefficient between the rollers of each wheel and the ground."""
+        if coefficients == self._friction:
+            return
+        self._friction = coefficients
         for friction, shapes in zip(coefficients, self._shapes, strict=True):
             for shape in shapes:
                 shape.getDynamicsAspect().setFrictionCoeff(friction)

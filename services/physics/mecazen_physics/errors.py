@@ -10,4 +10,4 @@ class DivergedError(MecazenError):
 
 
 class UnsupportedError(MecazenError):
-    """The installed dartpy can't simulate what the scenario specifies."""
+    """Physics cannot simulate what the scenario specifies."""

@@ -24,8 +24,9 @@ class Imu:
 
     Args:
         config: The errors of the sensor.
-        period: Ticks from one sample to the next. tick_s: Duration of a tick [s]. seed: Seed of the
-            errors.
+        period: Ticks from one sample to the next.
+        tick_s: Duration of a tick [s].
+        seed: Seed of the errors.
     """
 
     def __init__(self, config: ImuConfig, period: int, tick_s: float, seed: int) -> None:

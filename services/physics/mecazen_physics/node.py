@@ -45,6 +45,7 @@ from mecazen.robots import join_key, seed_of
 from mecazen.skeleton import JOINTS
 from mecazen.urdf import build_meshes, build_urdf
 from mecazen.wheels import Watchdog, WheelCommand, wheel_command
+from mecazen.wire import NS_PER_S
 
 from mecazen_physics.instruments import Battery, Encoders, Imu
 from mecazen_physics.people import MovingPerson, ReportedPerson
@@ -54,7 +55,7 @@ from mecazen_physics.start import check_obstacles, check_person, steps_per_tick
 from mecazen_physics.state import Vector
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
-TOO_FAR = f"farther from where they were than {FASTEST_PERSON:g} m/s take one"
+TOO_FAR = f"the person moved faster than {FASTEST_PERSON:g} m/s since the last sample"
 
 
 class PhysicsNode(Node):
@@ -166,7 +167,7 @@ class PhysicsNode(Node):
         if not reported.can_be_at(points, inputs.gap_s(topic)):
             inputs.refuse(topic, TOO_FAR)
         elif pose is None:
-            time = message.header.stamp.ns / 1e9
+            time = message.header.stamp.ns / NS_PER_S
             self._place(name, reported.with_joints(points, time, message.height))
         else:
             twist = message.twist.twist.to_planar()
@@ -199,7 +200,7 @@ class PhysicsNode(Node):
     def _walker(self, person: Person, people: People) -> MovingPerson:
         if not self.has_legs:
             return MovingPerson.upright(person.pose.to_planar(), person.twist.to_planar())
-        time = people.header.stamp.ns / 1e9
+        time = people.header.stamp.ns / NS_PER_S
         joints = _positions(person.joints)
         return self._reported(person.id).with_joints(joints, time, person.height)
 

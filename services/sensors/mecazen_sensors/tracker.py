@@ -126,7 +126,7 @@ class BodyTracker:
         self._config, self._seed = config, seed
         self._camera = CameraView(mount, config)
         self._place = np.array(mount.position_m)
-        self._tick_ns = round(tick_s * 1e9)
+        self._tick_ns = round(tick_s * NS_PER_S)
         self._period = ticks_per_sample("sensors.tracker.rate_hz", config.rate_hz, tick_s)
         self._latency = whole_ticks("sensors.tracker.latency_s", config.latency_s, tick_s)
         self._frames: deque[tuple[int, m.Skeletons]] = deque()

@@ -11,7 +11,7 @@ from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats, arctan2
 from mecazen.scan import BOTH_LEGS_M, ranges_of
-from mecazen.walkers import Walkers
+from mecazen.walkers import STILL_M_S, Walkers
 
 from mecazen_follower.perception import clusters_of, persons
 
@@ -27,8 +27,8 @@ HALF_STRIDE_M = 0.5
 """Maximum distance of a leg from its person [m]."""
 CONFIRMED = 5
 """Minimum number of detections of a walker; fewer may be an edge that comes into view."""
-SLOWEST_M_S, FASTEST_M_S = 0.3, 2.5
-"""Slower tracks are standing; faster tracks are not persons [m/s]."""
+FASTEST_M_S = 2.5
+"""Faster tracks are not persons [m/s]."""
 
 CELL_M = 0.06
 CELLS = 110
@@ -68,7 +68,7 @@ class LocalMap:
         walking = [
             (track.x, track.y, track.vx, track.vy, track.time)
             for track in self._walkers.tracks
-            if track.detections >= CONFIRMED and SLOWEST_M_S <= track.speed <= FASTEST_M_S
+            if track.detections >= CONFIRMED and STILL_M_S <= track.speed <= FASTEST_M_S
         ]
         state = np.array(walking).reshape(-1, 5)
         ahead: Floats = state[:, :2] + (times[:, None, None] - state[:, 4:]) * state[:, 2:4]
