@@ -116,11 +116,19 @@ def recording_of(*samples: tuple[int, int | None]) -> SimpleNamespace:
     def sample(ms: int, run: int | None) -> SimpleNamespace:
         stamp = None if run is None else Stamp(ms * 10**6, run, 3)
         odom = m.planar_odometry(m.Time(), "world", "base_link", Pose2D(), Twist2D())
-        published = encode(odom), "application/json", stamp and stamp.pack()
-        return SimpleNamespace(key="ground_truth/odom", stamp=stamp, as_published=lambda: published)
 
+        def publish() -> tuple[bytes, str, bytes | None]:
+            decoded.append((ms, run))
+            return encode(odom), "application/json", stamp and stamp.pack()
+
+        return SimpleNamespace(
+            key="ground_truth/odom", stamp=stamp, time_ns=ms * 10**6, as_published=publish
+        )
+
+    decoded: list[tuple[int, int | None]] = []
     return SimpleNamespace(
         path="run.mcap",
+        decoded=decoded,
         samples=lambda: (sample(*row) for row in samples),
         descriptions=dict,
         scenario=lambda *_: Scenario(robot=load_robot()),
@@ -129,9 +137,11 @@ def recording_of(*samples: tuple[int, int | None]) -> SimpleNamespace:
 
 def test_recorded_runs_become_files_at_the_frame_rate(tmp_path):
     ticks = [(10 * tick, 1) for tick in range(10)]
-    files = draw(recording_of((0, None), *ticks, (0, 2)), tmp_path)
+    recording = recording_of((0, None), *ticks, (0, 2))
+    files = draw(recording, tmp_path)
     counts = [len(Content(file).all("world/robot", "Transform3D:translation")) for file in files]
     assert counts == [3, 1]  # 30 a second: every fourth of those each 10 ms
+    assert recording.decoded == [(0, 1), (40, 1), (80, 1), (0, 2)]  # which takes the most time
 
 
 def test_files_that_are_not_recordings_are_refused(tmp_path):

@@ -58,9 +58,9 @@ class ViewerService(Observer):
         """Function that is called with the recording of each run before any data is logged. If it
         is None, the recording is kept in memory for `widget`."""
         self.recording: rr.RecordingStream | None = None
-        self._is_live = False
-        """Whether the bus drops samples that are older than a frame; if not, `show` does."""
-        self._shown_ns: dict[str, int] = {}
+        self.thins = True
+        """Whether `show` leaves out samples between frames; if not, whoever publishes does."""
+        self._shown_ns: dict[tuple[str, int], int] = {}
         self._pictures: dict[str, Picture] = {}
         super().__init__(name, bus, scenario)
         self.reset(scenario.seed)
@@ -87,7 +87,6 @@ class ViewerService(Observer):
         """End the recording of the last run."""
         del seed
         self.end()
-        self._shown_ns.clear()
 
     def run(self) -> None:
         """Show the newest samples, 30 times a second."""
@@ -121,7 +120,7 @@ class ViewerService(Observer):
             layout = blueprint(self.scenario.names) if first else None
             recording.connect_grpc(uri, default_blueprint=layout)
 
-        self.send, self._is_live = connect, True
+        self.send, self.thins = connect, False  # the bus keeps only the newest samples
 
     def widget(self) -> Viewer:
         """Return a notebook widget that shows this run from its start and follows it live.
@@ -152,10 +151,8 @@ class ViewerService(Observer):
             if stamp is None and self.recording is None:
                 return  # an unstamped sample before the first run
             time_ns = (self.stamp if stamp is None else stamp).time_ns
-            if not self._is_live:
-                if time_ns - self._shown_ns.get(key, -FRAME_NS) < FRAME_NS:
-                    return
-                self._shown_ns[key] = time_ns
+            if self.thins and not self.is_due(key, self.stamp.run, time_ns):
+                return
             if self.recording is None:
                 self.recording = self.begin()
             self.recording.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
@@ -165,6 +162,13 @@ class ViewerService(Observer):
                 self.bus.refuse(key, str(refusal))
 
         self.subscribe(topic, deliver, robot=robot)
+
+    def is_due(self, key: str, run: int, time_ns: int) -> bool:
+        """Return whether the last frame of a key is over at a time of a run; begin one if so."""
+        if time_ns - self._shown_ns.get((key, run), -FRAME_NS) < FRAME_NS:
+            return False
+        self._shown_ns[key, run] = time_ns
+        return True
 
     def begin(self) -> rr.RecordingStream:
         """Return the recording of a new run, with all static entities."""
@@ -234,9 +238,12 @@ def draw(recording: Any, folder: Path) -> list[Path]:
         run.save(files[-1], default_blueprint=blueprint(scenario.names))
 
     viewer = ViewerService("viewer", bus, scenario)
-    viewer.send = save
+    viewer.send, viewer.thins = save, False
+    run = first.stamp.run
     for sample in chain((first,), samples):
-        with suppress(RefusedError):
-            bus.put_bytes(sample.key, *sample.as_published())
+        run = run if sample.stamp is None else sample.stamp.run
+        if viewer.is_due(sample.key, run, sample.time_ns):  # decoding takes the most time
+            with suppress(RefusedError):
+                bus.put_bytes(sample.key, *sample.as_published())
     viewer.end()
     return files
