@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -113,6 +114,16 @@ def test_only_the_named_sections_of_a_robot_are_read(tmp_path):
     recording = Recording(tmp_path / "run.mcap", trusted=True)
     assert list(recording.samples()) == []
     assert recording.scenario(7, "follower").names == ("one", "two")
+
+
+def test_own_settings_of_a_follower_that_is_not_imported_are_left_out(tmp_path):
+    tables = effective(Scenario(robot=load_robot()))
+    tables |= {"programs": {"follower": "mine.py:Mine"}, "follower": {"my_gain": 2.0}}
+    with closing(RecordingWriter(tmp_path / "run.mcap")) as writer:
+        writer.write_run(stamp_of(0), tomli_w.dumps(tables))
+    recording = Recording(tmp_path / "run.mcap")
+    assert list(recording.samples()) == []
+    assert recording.scenario(7, "follower").follower == Scenario(robot=load_robot()).follower
 
 
 @pytest.mark.parametrize(

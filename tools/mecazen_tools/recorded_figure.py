@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 from mecazen import keys
-from mecazen.config import Scenario
-from mecazen.errors import ConfigError
 from mecazen.messages import Message, Odometry, Twist
 from mecazen.robots import join_key, split_key
 from mecazen.wire import NS_PER_S
@@ -18,7 +16,6 @@ from mecazen_tools.run_figure import Course, draw
 Rows = dict[str, list[tuple[float, ...]]]
 """The drawn data of a run, by key, which includes the robot's name."""
 
-FOLLOWER = "follower"
 DRAWN = {topic.key: topic for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM, keys.CMD_VEL)}
 
 
@@ -36,7 +33,7 @@ def figure(recording: Recording, number: int | None) -> Figure:
     if wanted not in runs:
         allowed = ", ".join(map(str, runs))
         raise RecordingError(f"--run {wanted}: not in {recording.path}, which holds {allowed}")
-    scenario = _scenario(recording, wanted)
+    scenario = recording.scenario(wanted, "follower")
     seed, rows = runs[wanted]
     courses = []
     for robot in scenario.names:
@@ -55,14 +52,6 @@ def figure(recording: Recording, number: int | None) -> Figure:
             )
         )
     return draw(courses, scenario, f"{recording.path.name}, run {wanted}, seed {seed}")
-
-
-def _scenario(recording: Recording, run: int) -> Scenario:
-    """Return the configuration of a run, with the follower's section if it can be read."""
-    try:
-        return recording.scenario(run, FOLLOWER)
-    except ConfigError:  # the section of a user's follower, which is not imported
-        return recording.scenario(run)
 
 
 def _read(recording: Recording) -> dict[int, tuple[int, Rows]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mecazen.config import Scenario
+from mecazen.errors import ConfigError
 from mecazen.files import parse_toml
 from mecazen.graph import NODES
 from mecazen.loading import from_tables
@@ -30,7 +31,8 @@ def read_scenario(
     """Return a recorded scenario, with defaults for some sections unless they are named.
 
     These are the sections `WITH_FILES`, whose files may no longer exist, and the sections of user
-    nodes. Unless the recording at `path` is trusted, programs that are not installed are left out.
+    nodes. Unless the recording at `path` is trusted, programs that are not installed are left out,
+    and so are their named sections if they have settings of their own.
 
     Raises:
         ValueError: The text is not TOML.
@@ -46,7 +48,12 @@ def read_scenario(
     kept = _without(tables, optional)
     if isinstance(robots := tables.get("robots"), list):
         kept["robots"] = [_without(robot, optional) for robot in robots]
-    return from_tables(kept, path, opens_files=trusted)
+    try:
+        return from_tables(kept, path, opens_files=trusted)
+    except ConfigError:
+        if left_out.keys().isdisjoint(sections):
+            raise
+        return read_scenario(text, path, {*sections} - left_out.keys(), trusted=trusted)
 
 
 def _user_programs(tables: dict[str, Any]) -> dict[str, str]:

@@ -44,8 +44,6 @@ DESCRIPTION_TIMEOUT_S = 2.0
 MEMORY_LIMIT = "32MiB"
 """Size of the history for viewers that connect late: some minutes; the oldest data is dropped
 first."""
-SECTIONS = ("physics", "follower")
-"""Sections of a recorded scenario that the scene needs."""
 
 
 class ViewerService(Observer):
@@ -226,7 +224,7 @@ def draw(recording: Any, folder: Path) -> list[Path]:
     first = next(samples, None)
     if first is None:
         raise ConfigError(f"{recording.path}: holds no run")
-    scenario = recording.scenario(first.stamp.run, *SECTIONS)
+    scenario = recording.scenario(first.stamp.run, "follower")  # with its distance
     bus = LocalBus()
     bus.renamed = scenario.renamed
     for robot, description in recording.descriptions().items():
