@@ -79,8 +79,6 @@ class Recorder:
         """The newest tick."""
         self._bus = bus
         self._scenario = scenario
-        self._text: str | None = None
-        """The configuration of the newest run."""
         self._robots = robots
         self._topics = {topic.key: topic for topic in topics}
         self._topic_keys = {key: topic for topic, key in bus.renamed.items()}
@@ -142,6 +140,8 @@ class Recorder:
         time_ns = self.now.time_ns if stamp is None else stamp.time_ns
         self.writer.write(key, message, stamp, time_ns)
         self.count += 1
+        if stamp is not None and stamp.run != self.now.run:
+            return  # a late sample of an ended run moves no robot of this one
         frames = self._frames.get(split_key(key, self._robots)[0])
         changed = None if frames is None else frames.update(topic.name, message, time_ns)
         if changed is not None:
@@ -168,9 +168,8 @@ class Recorder:
         self._runs.add(self.now.run)
         text = self._scenario()
         self.writer.write_run(self.now, text)
-        if text is None:
-            self._frames = {}
-        elif text != self._text:
+        self._frames = {}
+        if text is not None:
             self._robots = robots_in(text)
             self._topic_keys = {key: topic for topic, key in renamed_in(text).items()}
             try:
@@ -178,8 +177,6 @@ class Recorder:
                 self._frames = {robot: RobotFrames(scenario, robot) for robot in scenario.names}
             except (ConfigError, ValueError) as error:
                 logger.warning("msg=%r", f"recorded without frames: {error}")
-                self._frames = {}
-        self._text = text
         for frames in self._frames.values():
             for topic, message in frames.description():
                 self.writer.write(topic, message, self.now, self.now.time_ns)
