@@ -238,10 +238,10 @@ def draw(recording: Any, folder: Path) -> list[Path]:
     viewer = ViewerService("viewer", bus, scenario)
     viewer.send, viewer.thins = save, False
     run = first.stamp.run
-    for sample in chain((first,), samples):
-        run = run if sample.stamp is None else sample.stamp.run
-        if viewer.is_due(sample.key, run, sample.time_ns):  # decoding takes the most time
-            with suppress(RefusedError):
-                bus.put_bytes(sample.key, *sample.as_published())
-    viewer.end()
+    with closing(viewer):
+        for sample in chain((first,), samples):
+            run = run if sample.stamp is None else sample.stamp.run
+            if viewer.is_due(sample.key, run, sample.time_ns):  # decoding takes the most time
+                with suppress(RefusedError):
+                    bus.put_bytes(sample.key, *sample.as_published())
     return files
