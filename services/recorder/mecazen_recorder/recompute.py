@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from functools import partial
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import msgspec
 from mecazen.bus import LocalBus
+from mecazen.config import Scenario
 from mecazen.errors import ConfigError, is_installed
 from mecazen.graph import GRAPH, NODES, SERVICES, WORLDS
 from mecazen.keys import PARAMETERS
@@ -76,10 +78,11 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     runs = _whole_runs(recording)
     recording.refuse_code()
     for run, samples in runs.items():
-        bus = LocalBus(recording.scenario(run).renamed)
-        worker = _make_worker(recording, run, program, robot, bus)
-        compared = _recompute_run(recording, samples, worker, bus)
-        worker.host.close()
+        scenario = recording.scenario(run)
+        bus = LocalBus(scenario.renamed)
+        worker = _make_worker(recording, run, scenario, program, robot, bus)
+        with closing(worker.host):
+            compared = _recompute_run(recording, samples, worker, bus)
         counts += compared.counts
         if compared.difference is not None:
             return Comparison(counts, compared.difference)
@@ -105,9 +108,10 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
     return whole
 
 
-def _make_worker(recording: Recording, run: int, program: str, robot: str, bus: LocalBus) -> Worker:
+def _make_worker(
+    recording: Recording, run: int, scenario: Scenario, program: str, robot: str, bus: LocalBus
+) -> Worker:
     """Return the nodes with their recorded configuration; raises as `recompute`."""
-    scenario = recording.scenario(run)
     service = NODES[program].part_of if program in NODES else program
     if service in WORLDS:
         raise ConfigError(f"{program}: {NO_INPUTS}")
