@@ -206,6 +206,16 @@ def test_a_replay_serves_the_descriptions_of_the_robots(net, tmp_path):
         assert description.meshes == build_meshes(CONVOY.of(name).robot)
 
 
+def test_a_replay_without_a_valid_configuration_is_a_warning(net, tmp_path):
+    path = tmp_path / "wrong.mcap"
+    with closing(RecordingWriter(path)) as writer:
+        writer.write_run(stamp_of(0), "services = 1")
+        writer.write("odom", odometry(0), stamp_of(0), 0)
+    done = net.run("replay", path)
+    assert_one_line(done, 0, f"warning: {path}: services", "replayed without robot_description")
+    assert "1 samples published" in done.stdout
+
+
 def test_a_replay_keeps_stamps_and_loops_with_new_runs(net, make_recording):
     path, received = make_recording(range(4)), []
     net.bus.subscribe(keys.CMD_VEL, lambda *sample: received.append(sample), every=True)

@@ -15,7 +15,7 @@ from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario
-from mecazen.errors import MecazenError, UntrustedError
+from mecazen.errors import UntrustedError
 from mecazen.files import open_regular
 from mecazen.keys import TOPICS
 from mecazen.loading import renamed_in, robots_in
@@ -144,14 +144,15 @@ class Recording:
             raise RecordingError(f"{self.path}: {place}: {refusal}") from None
 
     def descriptions(self) -> dict[str, RobotDescription]:
-        """Return the description of each robot, by name; none without a valid configuration."""
+        """Return the description of each robot of the first run; none without configuration.
+
+        Raises:
+            MecazenError: As `scenario`, if there is a configuration.
+        """
         first = next((sample.stamp for sample in self.samples() if sample.stamp is not None), None)
-        if first is None:
+        if first is None or first.run not in self.scenarios:
             return {}
-        try:
-            scenario = self.scenario(first.run)
-        except MecazenError:
-            return {}
+        scenario = self.scenario(first.run)
         parts = {name: scenario.of(name) for name in scenario.names}
         return {
             name: RobotDescription(

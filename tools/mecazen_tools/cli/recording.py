@@ -146,7 +146,11 @@ def replay(
         raise ConfigError(f"--robot goes with --through; --keys '{robot}/**' takes all of {robot}")
     begin_ns = round(begin_s * NS_PER_S)
     end_ns = math.inf if end_s is None else round(end_s * NS_PER_S)
-    descriptions = recording.descriptions()
+    try:
+        descriptions = recording.descriptions()
+    except MecazenError as error:
+        typer.echo(f"warning: {error}; replayed without robot_description", err=True)
+        descriptions = {}
     with tool_bus(context) as bus:
         driving = {join_key(key, name) for name in ("", *descriptions) for key in OPEN}
         alive = bus.alive()
