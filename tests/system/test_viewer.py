@@ -7,6 +7,7 @@ import signal
 import socket
 import urllib.request
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
@@ -14,8 +15,11 @@ import numpy as np
 import pytest
 from harness import ROOT, SCENARIOS, Command, Newest, mecazen, options
 from mecazen import keys
-from mecazen.messages import ResetRequest, SpeedRequest
+from mecazen.loading import load_scenario, to_toml
+from mecazen.messages import Odometry, ResetRequest, SpeedRequest
+from mecazen.wire import Stamp
 from mecazen_recorder.reader import Recording
+from mecazen_recorder.writer import RecordingWriter
 from mecazen_tools.processes import private_router
 from mecazen_viewer.layout import path_of_robot
 from mecazen_viewer.panels import ROBOT_PLOTS
@@ -282,6 +286,19 @@ def test_a_recorded_run_of_several_robots_is_shown_whole(tmp_path, attach):
     for robot in ("one", "two"):
         expected = {"world/robot/roller", *ROBOT_PLOTS}
         assert {f"/{path_of_robot(path, robot)}" for path in expected} <= paths
+
+
+def test_a_recording_that_is_cut_off_is_shown_and_reported(tmp_path, monkeypatch):
+    monkeypatch.setattr("mecazen_recorder.writer.FLUSH_S", 0.0)
+    file, stamp = tmp_path / "cut.mcap", Stamp(0, 1, 7)
+    with closing(RecordingWriter(tmp_path / "whole.mcap")) as writer:
+        writer.write_run(stamp, to_toml(load_scenario(SCENARIOS / "side.toml")))
+        writer.write("odom", Odometry(), stamp, 0)
+        file.write_bytes(writer.path.read_bytes())
+    view = Command("view", file)
+    view.read_until("http")
+    (line,) = view.end()[2].splitlines()
+    assert line == f"{file}: the end of the file is missing; what is there was read"
 
 
 def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path):

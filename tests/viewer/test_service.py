@@ -2,6 +2,7 @@
 
 import logging
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 from harness import error_of, load_robot
@@ -10,7 +11,7 @@ from hypothesis import given
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.urdf import RobotDescription, serve_description
 from mecazen.wire import Stamp, encode
@@ -142,6 +143,16 @@ def test_recorded_runs_become_files_at_the_frame_rate(tmp_path):
     counts = [len(Content(file).all("world/robot", "Transform3D:translation")) for file in files]
     assert counts == [3, 1]  # 30 a second: every fourth of those each 10 ms
     assert recording.decoded == [(0, 1), (40, 1), (80, 1), (0, 2)]  # which takes the most time
+
+
+def test_a_damaged_sample_is_reported_and_the_others_are_drawn(tmp_path, caplog):
+    recording = recording_of((0, 1), (40, 1))
+    damaged, good = recording.samples()
+    damaged.as_published = Mock(side_effect=RefusedError("ends early"))
+    recording.samples = lambda: iter((damaged, good))
+    (file,) = draw(recording, tmp_path)
+    assert len(Content(file).all("world/robot", "Transform3D:translation")) == 1
+    assert "msg=refused key=ground_truth/odom count=1 reason='ends early'" in caplog.text
 
 
 def test_files_that_are_not_recordings_are_refused(tmp_path):

@@ -242,6 +242,8 @@ def draw(recording: Any, folder: Path) -> list[Path]:
         for sample in chain((first,), samples):
             run = run if sample.stamp is None else sample.stamp.run
             if viewer.is_due(sample.key, run, sample.time_ns):  # decoding takes the most time
-                with suppress(RefusedError):
+                try:
                     bus.put_bytes(sample.key, *sample.as_published())
+                except RefusedError as refusal:
+                    bus.refuse(sample.key, str(refusal))
     return files

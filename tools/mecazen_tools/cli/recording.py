@@ -172,7 +172,7 @@ def replay(
                 turn=turn,
             )
             if turn == 0:
-                _report_damage(recording, any_samples=published > 0)
+                report_damage(recording, any_samples=published > 0)
                 typer.echo(f"{published} samples published")
 
 
@@ -186,7 +186,7 @@ def _recompute(recording: Recording, program: str, robot: str) -> None:
             raise UntrustedError(f"{error}: --trust allows it") from None
         recording.trusted = True
         compared = recompute(recording, program, robot)
-    _report_damage(recording)
+    report_damage(recording)
     if compared.difference is not None:
         raise MecazenError(f"{recording.path}: {compared.difference}")
     counts = sorted(compared.counts.items())
@@ -205,7 +205,7 @@ def info(
 
     recording = Recording(file)
     contents = inspect(recording)
-    _report_damage(recording, any_samples=contents.count > 0)
+    report_damage(recording, any_samples=contents.count > 0)
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(contents)).decode())
         return
@@ -256,12 +256,12 @@ def plot(
     from mecazen_tools.recorded_figure import figure  # after the check that Matplotlib is installed
 
     drawn = figure(recording, run)
-    _report_damage(recording)
+    report_damage(recording)
     drawing.save(drawn, target, "-o")
     typer.echo(f"picture: {target}")
 
 
-def _report_damage(recording: Recording, *, any_samples: bool = True) -> None:
+def report_damage(recording: Recording, *, any_samples: bool = True) -> None:
     """Report that the end is missing; a recording without a sample is an error, damaged or not."""
     if not any_samples:
         cut = ", and its end is missing" if recording.is_cut_off else ""

@@ -56,7 +56,12 @@ def _draw(file: Path, folder: Path) -> list[str]:
     from mecazen_recorder.reader import Recording
     from mecazen_viewer.service import draw
 
-    return [str(drawn) for drawn in draw(Recording(file), folder)]
+    from mecazen_tools.cli.recording import report_damage
+
+    recording = Recording(file)
+    drawn = draw(recording, folder)
+    report_damage(recording)
+    return list(map(str, drawn))
 
 
 def _show(file: Path, files: list[str], *, native: bool) -> None:
