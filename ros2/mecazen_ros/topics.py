@@ -86,7 +86,7 @@ def publications(
     qos = QOS.get(topic.type, RELIABLE)
     shown = [RosTopic(name, topic.type, qos, lambda message: prefixed(to_ros(message), prefix))]
     if topic is keys.ODOM and odom_tf:
-        shown.append(RosTopic("/tf", TFMessage, FRAMES, partial(_frame, prefix=prefix)))
+        shown.append(RosTopic("/tf", TFMessage, FRAMES, partial(_frames, prefix=prefix)))
     elif topic is keys.FOLLOWER_STATE:
         shown.append(RosTopic("/tf", TFMessage, FRAMES, partial(_person_frame, prefix=prefix)))
     return shown
@@ -164,12 +164,15 @@ def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:
     return msgspec.structs.replace(array, status=tuple(status))
 
 
-def _frame(odometry: m.Odometry, prefix: str) -> Any:
-    """Return the child frame of an odometry, the robot's base, relative to the odometry's frame."""
+def child_frame(odometry: m.Odometry) -> Any:
+    """Return the child frame of an odometry relative to its frame, as a TransformStamped."""
     pose = odometry.pose.pose
     transform = Transform(m.Vector3(*msgspec.structs.astuple(pose.position)), pose.orientation)
-    frame = TransformStamped(odometry.header, odometry.child_frame_id, transform)
-    return prefixed(TFMessage((frame,)), prefix)
+    return TransformStamped(odometry.header, odometry.child_frame_id, transform)
+
+
+def _frames(odometry: m.Odometry, prefix: str) -> Any:
+    return prefixed(TFMessage((child_frame(odometry),)), prefix)
 
 
 def _person_frame(state: m.FollowerState, prefix: str) -> Any:
@@ -177,7 +180,7 @@ def _person_frame(state: m.FollowerState, prefix: str) -> Any:
     if not state.estimate:
         return None
     estimate = state.estimate[0]
-    return _frame(m.Odometry(state.header, PERSON, estimate.pose, estimate.twist), prefix)
+    return _frames(m.Odometry(state.header, PERSON, estimate.pose, estimate.twist), prefix)
 
 
 def fixed_frames(urdf: str, prefix: str) -> Any:

@@ -19,7 +19,14 @@ from mecazen.config import Scenario
 from mecazen.portable import Floats
 from mecazen.robots import join_key
 from mecazen.urdf import build_meshes, build_urdf, portable_urdf, read
-from mecazen_ros.topics import TFMessage, Transform, TransformStamped, fixed_frames, prefixed
+from mecazen_ros.topics import (
+    TFMessage,
+    Transform,
+    TransformStamped,
+    child_frame,
+    fixed_frames,
+    prefixed,
+)
 from msgspec.structs import astuple
 
 TF, TF_STATIC = "/tf", "/tf_static"
@@ -70,15 +77,14 @@ class RobotFrames:
 
     def _base(self, odometry: m.Odometry) -> Iterator[Any]:
         """Yield the frame of the odometry in the world, if the truth is known, and the base."""
-        header, pose = odometry.header, odometry.pose.pose
+        header = odometry.header
         if self._truth is not None:
             place, rotation = _arrays(self._truth.pose.pose)
-            odom_place, odom_rotation = _arrays(pose)
+            odom_place, odom_rotation = _arrays(odometry.pose.pose)
             rotation = chain(rotation, odom_rotation * INVERSE)
             world = m.Header(header.stamp, self._truth.header.frame_id)
             yield _frame(world, header.frame_id, place - turn(rotation, odom_place), rotation)
-        transform = Transform(m.Vector3(*astuple(pose.position)), pose.orientation)
-        yield TransformStamped(header, odometry.child_frame_id, transform)
+        yield child_frame(odometry)
 
     def _moving(self, states: m.JointState) -> Iterator[Any]:
         """Yield the frames of the links that turn."""
