@@ -23,6 +23,7 @@ TFMessage = message("tf2_msgs/msg/TFMessage")
 TransformStamped = message("geometry_msgs/msg/TransformStamped")
 Transform = message("geometry_msgs/msg/Transform")
 TwistStamped = message("geometry_msgs/msg/TwistStamped")
+TF, TF_STATIC = "/tf", "/tf_static"
 WORLD = "world"
 """The frame of the truth, which all robots share."""
 PERSON = "person"
@@ -37,7 +38,7 @@ LATCHED = ":1:,1:,:,:,,"  # transient local: late subscribers receive the newest
 QOS: Mapping[Any, str] = {m.Clock: NEWEST} | dict.fromkeys(
     (m.LaserScan, m.Image, m.CameraInfo, m.Imu), SENSOR_DATA
 )
-DESCRIBED: Mapping[str, Any] = {keys.ROBOT_DESCRIPTION.key: m.String, "/tf_static": TFMessage}
+DESCRIBED: Mapping[str, Any] = {keys.ROBOT_DESCRIPTION.key: m.String, TF_STATIC: TFMessage}
 """Latched topics that describe a robot."""
 
 
@@ -86,9 +87,9 @@ def publications(
     qos = QOS.get(topic.type, RELIABLE)
     shown = [RosTopic(name, topic.type, qos, lambda message: prefixed(to_ros(message), prefix))]
     if topic is keys.ODOM and odom_tf:
-        shown.append(RosTopic("/tf", TFMessage, FRAMES, partial(_frames, prefix=prefix)))
+        shown.append(RosTopic(TF, TFMessage, FRAMES, partial(_frames, prefix=prefix)))
     elif topic is keys.FOLLOWER_STATE:
-        shown.append(RosTopic("/tf", TFMessage, FRAMES, partial(_person_frame, prefix=prefix)))
+        shown.append(RosTopic(TF, TFMessage, FRAMES, partial(_person_frame, prefix=prefix)))
     return shown
 
 

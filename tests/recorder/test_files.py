@@ -85,6 +85,18 @@ def test_unknown_keys_are_kept_and_messages_published_in_json(tmp_path):
     assert (encoding, attachment) == (JSON_ENCODING, stamp_of(3).pack())
 
 
+def test_only_topics_for_readers_of_ros_bags_are_latched(tmp_path):
+    path = tmp_path / "latched.mcap"
+    names = ["/tf_static", "/two/robot_description", "/tf", "my/tf_static"]
+    with closing(RecordingWriter(path)) as writer:
+        for name in names:
+            writer.write(name, Twist(), None, 0)
+    with path.open("rb") as file:
+        channels = make_reader(file).get_summary().channels.values()
+    latched = [c.topic for c in channels if "durability: 1" in str(c.metadata)]
+    assert latched == names[:2]
+
+
 def test_keys_and_runs_have_a_limit(tmp_path, monkeypatch):
     monkeypatch.setattr("mecazen_recorder.writer.MAX_CHANNELS", 2)
     with closing(RecordingWriter(tmp_path / "a.mcap")) as writer:

@@ -20,6 +20,7 @@ from mecazen.portable import Floats
 from mecazen.robots import join_key
 from mecazen.urdf import build_meshes, build_urdf, portable_urdf, read
 from mecazen_ros.topics import (
+    TF_STATIC,
     TFMessage,
     Transform,
     TransformStamped,
@@ -29,7 +30,6 @@ from mecazen_ros.topics import (
 )
 from msgspec.structs import astuple
 
-TF, TF_STATIC = "/tf", "/tf_static"
 PERIOD_NS = 40_000_000
 """Interval of the frames of joints, of which a robot has about 50 [ns]."""
 INVERSE = np.array([-1.0, -1.0, -1.0, 1.0])

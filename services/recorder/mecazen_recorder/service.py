@@ -28,9 +28,10 @@ from mecazen.runtime.pace import RECORD, declare_every
 from mecazen.runtime.process import stop_on_signals
 from mecazen.runtime.readiness import READY
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
+from mecazen_ros.topics import TF
 
 from mecazen_recorder.configuration import read_scenario
-from mecazen_recorder.frames import TF, RobotFrames
+from mecazen_recorder.frames import RobotFrames
 from mecazen_recorder.writer import FLUSH_S, RecordingWriter
 
 BACKLOG_BYTES = 64 << 20

@@ -14,14 +14,15 @@ from mecazen.errors import MecazenError
 from mecazen.messages import Message
 from mecazen.wire import RefusedError, Stamp
 from mecazen_ros import cdr
+from mecazen_ros.topics import DESCRIBED
 from mecazen_ros.types import definition
 
 LIBRARY = "mecazen"
 FLUSH_S = 0.5
 """Longest wall time for which a sample is only in memory."""
 MAX_CHANNELS = 2**16 - 1
-LATCHED = ("robot_description", "tf_static")
-"""Last parts of topics that late subscribers of `ros2 bag play` receive as well."""
+LATCHED = {topic.rpartition("/")[2] for topic in DESCRIBED}
+"""Last parts of latched topics, of which each robot may have one."""
 LATCHED_QOS = """\
 - history: 1
   depth: 100
@@ -33,7 +34,8 @@ LATCHED_QOS = """\
   liveliness_lease_duration: {sec: 0, nsec: 0}
   avoid_ros_namespace_conventions: false
 """
-"""Quality of service as rosbag2 writes it: reliable, transient local, also for several robots."""
+"""Quality of service as rosbag2 writes it: reliable, transient local. Late subscribers of
+`ros2 bag play` receive such topics as well."""
 
 
 class RecordingError(MecazenError):
@@ -127,7 +129,7 @@ class RecordingWriter:
             metadata["zenoh_encoding"] = kind
         else:
             encoding, schema = MessageEncoding.CDR, self._schema(kind)
-        if key.rpartition("/")[2] in LATCHED:
+        if key.startswith("/") and key.rpartition("/")[2] in LATCHED:
             metadata["offered_qos_profiles"] = LATCHED_QOS
         channel = self._mcap.register_channel(key, encoding, schema, metadata)
         self._channels[key, run, kind] = channel
