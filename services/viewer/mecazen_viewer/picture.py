@@ -308,8 +308,7 @@ class Picture:
         """
         distance = angle = math.nan
         if robot is not None:
-            distance = math.hypot(robot.x, robot.y) - standoff.distance
-            angle = wrap(robot.yaw - standoff.heading)
+            distance, _, angle = standoff.errors(Pose2D(), robot)
         self._plot(layout.DISTANCE, *panels.DISTANCE_BAND_M, distance_error, distance)
         angles = math.degrees(heading_error), math.degrees(angle)
         self._plot(layout.ANGLE, *panels.ANGLE_BAND_DEG, *angles)
