@@ -91,6 +91,8 @@ class Picture:
         self._observations: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
         self._grid: tuple[int, int] | None = None
         self._drawn_ns: dict[str, int] = {}
+        self._followed = {robot or "target" for robot in scenario.names}
+        self._lidar = np.array(scenario.robot.lidar.position_m)
         self._standoff = scenario.follower.standoff
         self._has_skeleton = "skeleton" in scenario.sensor.features
         self._walker: WalkingPerson | None = None
@@ -177,8 +179,7 @@ class Picture:
     def on_people(self, people: m.People, time_ns: int) -> None:
         """Move the people whom no robot follows."""
         del time_ns
-        followed = {name or "target" for name in self._scenario.names}
-        strangers = [person for person in people.persons if person.id not in followed]
+        strangers = [person for person in people.persons if person.id not in self._followed]
         self._log(layout.PEOPLE, senses.people(strangers))
 
     def on_skeleton(self, skeleton: m.Skeleton, time_ns: int) -> None:
@@ -198,8 +199,7 @@ class Picture:
         del time_ns
         robot = self._robot.at(scan.header.stamp.ns)
         if robot is not None:
-            lidar = self._scenario.robot.lidar.position_m
-            self._log(layout.SCAN, senses.scan(scan, lidar, robot))
+            self._log(layout.SCAN, senses.scan(scan, self._lidar, robot))
 
     def on_depth(self, image: m.Image, time_ns: int) -> None:
         """Show the depth picture."""

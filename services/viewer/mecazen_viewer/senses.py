@@ -114,14 +114,14 @@ def people(persons: Sequence[m.Person]) -> rr.LineStrips3D:
     return rr.LineStrips3D(np.concatenate(strips))
 
 
-def scan(message: m.LaserScan, lidar: Sequence[float], robot: Pose2D) -> rr.Points3D:
+def scan(message: m.LaserScan, lidar: Floats, robot: Pose2D) -> rr.Points3D:
     """Return the points of a scan in world; the lidar is at (3,) [m] in base_link."""
     ranges = np.array(message.ranges)
     (valid,) = np.nonzero((ranges >= message.range_min) & (ranges <= message.range_max))
     angles = message.angle_min + message.angle_increment * valid
     along = ranges[valid]
     points = np.column_stack((along * np.cos(angles), along * np.sin(angles), 0.0 * along))
-    return rr.Points3D(_to_world(points + np.array(lidar), robot))
+    return rr.Points3D(_to_world(points + lidar, robot))
 
 
 def depth(image: m.Image) -> rr.DepthImage:
