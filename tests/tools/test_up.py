@@ -51,7 +51,7 @@ def test_the_shown_commands_connect_to_the_scenario(setting, options):
     ],
 )
 def test_a_second_run_takes_free_ports(settings, taken, moved, monkeypatch):
-    monkeypatch.setattr(up, "is_free", lambda port: port not in taken)
+    monkeypatch.setattr(up, "is_free", lambda port, *_: port not in taken)
     ports = up.moved_ports(
         load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), shares_router=False
     )

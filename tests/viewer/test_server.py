@@ -100,19 +100,23 @@ def test_page_and_data_are_served_on_loopback_only():
         assert {connection.laddr.ip for connection in listening} == {"127.0.0.1"}
 
 
-@pytest.mark.parametrize("key", ["web_port", "data_port"])
-def test_taken_port_is_named_in_one_line(key):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
+@pytest.mark.parametrize(
+    ("key", "address"),
+    [("web_port", "127.0.0.1"), ("data_port", "127.0.0.1"), ("web_port", "127.0.0.2")],
+)
+def test_taken_port_is_named_in_one_line(key, address):
+    with socket.create_server((address, 0)) as taken:
         port = taken.getsockname()[1]
-        config = ViewerConfig(**{"web_port": 0, "data_port": 0, key: port})
+        config = ViewerConfig(**{"web_port": 0, "data_port": 0, key: port, "listen": address})
         with pytest.raises(RerunError) as caught:
             RerunServer(config)
     assert str(caught.value).startswith(f"viewer.{key} = {port}: address already in use")
     assert "\n" not in str(caught.value)
 
 
-def test_invalid_address_is_named():
-    config = ViewerConfig(web_port=0, data_port=0, listen="nowhere")
+@pytest.mark.parametrize("ports", [{"web_port": 0, "data_port": 0}, {}], ids=["free", "default"])
+def test_invalid_address_is_named(ports):
+    config = ViewerConfig(**ports, listen="nowhere")
     with pytest.raises(RerunError, match="invalid value 'nowhere'"):
         RerunServer(config)
 

@@ -1,4 +1,4 @@
-"""Free ports of loopback."""
+"""Free TCP ports."""
 
 import random
 import socket
@@ -9,17 +9,23 @@ FIRST = 10_000
 """Lowest port that is tried; most well-known services use lower ports."""
 
 
-def is_free(port: int) -> bool:
-    """Return whether a server can listen on a TCP port."""
+def probe(port: int, address: str = LOOPBACK) -> None:
+    """Listen on a port of an address for a moment; raises OSError if no server can."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    socket.create_server((address, port), family=family).close()
+
+
+def is_free(port: int, address: str = LOOPBACK) -> bool:
+    """Return whether a server can listen on a port of an address."""
     try:
-        with socket.create_server((LOOPBACK, port)):
-            return True
+        probe(port, address)
     except OSError:
         return False
+    return True
 
 
 def free_port() -> int:
-    """Return a free TCP port below the kernel's range, if it leaves any.
+    """Return a free port of loopback below the kernel's range, if it leaves any.
 
     A connection could take a port of that range before a server listens on it.
     """

@@ -6,9 +6,9 @@ Rerun's SDK could serve from this process, but it serves its web page only on al
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 import signal
-import socket
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -103,8 +103,8 @@ class RerunServer(RerunProcess):
     """
 
     def __init__(self, config: ViewerConfig, *arguments: str) -> None:
-        data_port = free_port("viewer.data_port", config.data_port)
-        web_port = free_port("viewer.web_port", config.web_port)
+        data_port = free_port("viewer.data_port", config.data_port, config.listen)
+        web_port = free_port("viewer.web_port", config.web_port, config.listen)
         listening = f"--port={data_port}", f"--web-viewer-port={web_port}"
         super().__init__(
             *("--serve-web", *listening, *arguments),
@@ -142,8 +142,8 @@ def headless_viewer(width: int = 1920, height: int = 1080) -> Iterator[ViewerCli
         yield ViewerClient.connect(uri(port))
 
 
-def free_port(key: str, port: int) -> int:
-    """Return `port` if it is free, or any free port for 0.
+def free_port(key: str, port: int, address: str = LOOPBACK) -> int:
+    """Return `port` if it is free on an address, or any free port for 0.
 
     Raises:
         RerunError: The port is taken; the message names `key`.
@@ -151,13 +151,15 @@ def free_port(key: str, port: int) -> int:
     if not port:
         return ports.free_port()
     try:
-        with socket.create_server((LOOPBACK, port)):
-            return port
+        ports.probe(port, address)
     except OSError as error:
-        reason = os.strerror(error.errno or 0).lower()
+        if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+            return port  # the address is wrong, which Rerun reports
+        reason = os.strerror(error.errno).lower()
         raise RerunError(
             f"{key} = {port}: {reason}; another viewer? (--set {key}=0 takes a free port)"
         ) from None
+    return port
 
 
 def uri(port: int) -> str:

@@ -144,7 +144,7 @@ def moved_ports(scenario: Scenario, *, shares_router: bool) -> list[str]:
     default = ViewerConfig()
     for name in ("web_port", "data_port"):
         port = getattr(default, name)
-        if getattr(scenario.viewer, name) == port and not is_free(port):
+        if getattr(scenario.viewer, name) == port and not is_free(port, scenario.viewer.listen):
             moved.append(f"viewer.{name}=0")
     return moved
 
