@@ -68,8 +68,7 @@ class FollowerNode(Node):
         if self.config.planner is not None:
             key, rate_hz = "follower.planner.rate_hz", self.config.planner.rate_hz
             ticks_per_sample(key, rate_hz, scenario.sim.tick_s)
-        x, y, _ = scenario.robot.lidar.position_m
-        self.lidar = Pose2D(x, y)
+        self.lidar = scenario.robot.lidar.pose
 
     def _warn_of_hidden_shoulders(self) -> None:
         """Log a warning if a camera beside the person is too near to see both shoulders."""
@@ -226,7 +225,14 @@ def make_planner(
         yaw = math.radians(scenario.robot.camera.yaw_deg)
         view = SensorView(yaw, half_fov, scenario.sensors.tracker.max_range_m)
     body = Extents(*scenario.robot.footprint, scenario.world.person.radius_m)
-    return kind(scenario.follower, Drive.from_scenario(scenario), body, view, seed)
+    return kind(
+        scenario.follower,
+        Drive.from_scenario(scenario),
+        body,
+        view,
+        seed,
+        has_real_lidar=scenario.has_real_lidar,
+    )
 
 
 def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:

@@ -38,9 +38,9 @@ class GuardNode(Node):
         config, lidar, robot = scenario.guard, scenario.sensors.lidar, scenario.robot
         self.timeout_s = scenario.controller.reference_timeout_s
         self.silence_s = SILENT_SCANS / lidar.rate_hz
-        x, y, _ = robot.lidar.position_m
-        is_real = "sensors" not in scenario.services
-        self.surroundings = Surroundings(config, lidar, Pose2D(x, y), is_real=is_real)
+        self.surroundings = Surroundings(
+            config, lidar, robot.lidar.pose, is_real=scenario.has_real_lidar
+        )
         drive = Drive.from_scenario(scenario)
         self.guard = Guard(robot.footprint, drive, _reaction_s(scenario), PERSON_STOP_S)
 
@@ -94,17 +94,12 @@ class GuardNode(Node):
         return self.scenario.command_timeout_s + self.scenario.sim.tick_s
 
     def _see(self, now: float, scan: m.LaserScan, inputs: Inputs) -> None:
-        fault = self.surroundings.implausible(scan, now)
-        if not fault:
-            try:
-                robot = self.poses.at(scan.header.stamp.ns)
-            except RefusedError as refusal:
-                fault = str(refusal)
-        self.fault = fault
-        if fault:
-            inputs.refuse(SCAN, fault)
-        else:
-            self.surroundings.update(scan, robot)
+        self.fault = ""
+        try:
+            self.surroundings.update(scan, now, self.poses)
+        except RefusedError as refusal:
+            self.fault = str(refusal)
+            inputs.refuse(SCAN, self.fault)
 
     def _decide(self, tick: Tick, wanted: Twist2D) -> tuple[Verdict, str]:
         """Return the verdict, and the fault of the lidar; "" if it has none."""
