@@ -10,7 +10,7 @@ from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SensorConfig
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError, RefusedError
-from mecazen.geometry import Pose2D, PoseHistory, Twist2D, rotate
+from mecazen.geometry import Pose2D, PoseHistory, Twist2D, jumped, rotate
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
 from mecazen.messages import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
@@ -90,8 +90,13 @@ class FollowerNode(Node):
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         planner = make_planner(self.scenario, sensor, seed)
         self.following = Following(self.config, sensor, drive, view, hold_s, planner)
-        self.robot = PoseHistory(round((HISTORY_S + self.sensor.latency_s) * NS_PER_S))
+        self._forget_poses()
         self.state: m.FollowerState | None = None
+
+    def _forget_poses(self) -> None:
+        self.robot = PoseHistory(round((HISTORY_S + self.sensor.latency_s) * NS_PER_S))
+        self._pose: Pose2D | None = None
+        """The newest pose of the robot."""
 
     def configure(self, scenario: Scenario) -> None:
         """Use the changed configuration from now on."""
@@ -107,6 +112,10 @@ class FollowerNode(Node):
             period_s = self.scenario.sim.tick_s
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
+        if self._pose is not None and jumped(self._pose, robot, period_s):
+            self._forget_poses()
+            self.following.forget()
+        self._pose = robot
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
         # legs are observations too; with a camera, only camera frames can start a track
