@@ -33,14 +33,6 @@ def write_node(folder: Path, row: str, answer: str) -> None:
     (folder / "mine.py").write_text(NODE.format(row=row, answer=answer))
 
 
-@pytest.mark.parametrize("name", ["my_follower", "range_sensor"])
-def test_an_example_gives_the_same_in_one_process_and_in_many(name):
-    path = EXAMPLES / f"{name}.toml"
-    alone = simulate(load_scenario(path, parse_settings(SHORT)), name)[0]
-    apart = simulate_distributed(path, SHORT, name)[0]
-    assert alone.trajectory_sha256 == apart.trajectory_sha256
-
-
 def test_the_follower_keeps_its_distance():
     scenario = load_scenario(EXAMPLES / "my_follower.toml", {"sim.duration_s": 6.0})
     d_err_m = simulate(scenario, "mine")[0].d_err_m

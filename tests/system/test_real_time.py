@@ -84,17 +84,6 @@ def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack
     running.wait(lambda: odom.pose.x == pytest.approx(-1.0, abs=1e-6))
 
 
-def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_the_same(stack):
-    parts = "physics", "controller", "target", "sensors", "guard"
-    running = stack(SCENARIOS / "teleop.toml", f"processes=[{list(parts)}]")
-    odom = Newest(running.bus, keys.ODOM)
-    running.start()
-    assert set(running.supervisor.pids) == {"router", "+".join(parts)}
-    zenoh_cli(running, "put", "-k", "cmd_vel", "-v", TWIST)
-    running.wait(lambda: odom.message is not None and odom.pose.x > -0.95)
-    assert running.call(keys.SIM_STATE, Empty()).tick > 0
-
-
 def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack):
     settings = ("sim.duration_s=2.0", "target.path.start_after_s=0.0", "sim.speed=0.5")
     running = stack(SCENARIOS / "back.toml", *settings)

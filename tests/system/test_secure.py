@@ -20,13 +20,11 @@ from mecazen.bus.session import open_session, session_config
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.graph import GRAPH, services
-from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, OdometryRequest
 from mecazen.schema import Folder
 from mecazen.wire import Stamp
 from mecazen_tools import certificates
 from mecazen_tools.processes import private_router
-from mecazen_tools.simulate import simulate, simulate_distributed
 
 SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 
@@ -322,13 +320,6 @@ def test_without_a_certificate_of_this_authority_nobody_gets_in(
 
 def secure(folder: Folder) -> tuple[str, ...]:
     return (f"bus.zenoh_config={SECURE}", f"bus.keys={folder}")
-
-
-def test_the_loop_gives_the_same_trajectory_under_tls_and_access_control(folder):
-    path, settings = SCENARIOS / "back.toml", ("sim.duration_s=3.0", "seed=7")
-    alone = simulate(load_scenario(path, parse_settings(settings)), "back")[0].trajectory_sha256
-    guarded = simulate_distributed(path, (*settings, *secure(folder)), "back")[0]
-    assert guarded.trajectory_sha256 == alone
 
 
 def intrude(running: Any, name: str) -> Any:
