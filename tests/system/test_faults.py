@@ -1,6 +1,5 @@
 """Killed, frozen or slow parts and full disks: the others continue, and following resumes."""
 
-import ast
 import os
 import resource
 import signal
@@ -237,30 +236,3 @@ def test_a_simulation_that_can_not_be_recorded_is_an_error(tmp_path):
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1].startswith("error: ")
     assert "can't be written on: File too large" in done.stderr
-
-
-CERTIFICATES = ROOT / "common" / "mecazen" / "bus" / "session.py"
-"""Expiry of a certificate is a matter of the wall clock."""
-ATTACHMENTS = ROOT / "common" / "mecazen" / "bus" / "ros_queries.py"
-"""Samples for ROS carry their send time, as the protocol requires; mecazen does not read it."""
-WALL = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow")}
-"""Functions whose values jump when the clock is set."""
-
-
-def test_nobody_looks_at_the_clock_that_may_be_set():
-    files = [
-        *ROOT.glob("common/mecazen/**/*.py"),
-        *ROOT.glob("people/mecazen_*/**/*.py"),
-        *ROOT.glob("services/*/mecazen_*/**/*.py"),
-    ]
-    assert files
-    found = [
-        f"{file.relative_to(ROOT)}:{node.lineno}"
-        for file in files
-        if file not in (CERTIFICATES, ATTACHMENTS)
-        for node in ast.walk(ast.parse(file.read_text()))
-        if isinstance(node, ast.Attribute)
-        and isinstance(node.value, ast.Name)
-        and (node.value.id, node.attr) in WALL
-    ]
-    assert not found
