@@ -5,13 +5,18 @@ import math
 import msgspec
 import pytest
 from follower.rooms import scan
-from follower.walks import AHEAD, ORIGIN, PROPORTIONAL
 from harness import SCENARIOS, Rig, Steps, error_of, load_robot
 from hostile import forged
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SensorConfig, SimConfig
-from mecazen.config.follower import LinearGains, PidControl, PlannerConfig, PolarControl
+from mecazen.config.follower import (
+    AngularGains,
+    LinearGains,
+    PidControl,
+    PlannerConfig,
+    PolarControl,
+)
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
@@ -23,7 +28,10 @@ from mecazen_follower.node import FollowerNode
 
 NEXUS = load_robot()
 ZEROS = (0.0,) * 36
-PERSON = Pose2D(1.5, 0.3, 0.2)
+ORIGIN, AHEAD, PERSON = Pose2D(), Pose2D(1.5), Pose2D(1.5, 0.3, 0.2)
+_LINEAR = LinearGains(kp=1.0, ki=0.0, limit=2.0)
+PROPORTIONAL = PidControl(_LINEAR, _LINEAR, AngularGains(kp=1.0, ki=0.0, limit=2.0))
+"""1 m/s for each metre that is missing."""
 
 
 class Follower(Steps):

@@ -204,13 +204,13 @@ class FollowerNode(Node):
 
 def data_sheet(scenario: Scenario) -> SensorConfig:
     """Return rate, latency and field of view of the sensor by which the person is found."""
-    sensor, of = scenario.sensor, scenario.sensors
+    sensor, models = scenario.sensor, scenario.sensors
     if sensor.kind == "pose":
         return sensor
     if sensor.kind == "legs":
-        fov_deg = of.lidar.fov_deg
-        return replace(sensor, rate_hz=of.lidar.rate_hz, latency_s=0.0, fov_deg=fov_deg)
-    camera = of.tracker
+        fov_deg = models.lidar.fov_deg
+        return replace(sensor, rate_hz=models.lidar.rate_hz, latency_s=0.0, fov_deg=fov_deg)
+    camera = models.tracker
     return replace(
         sensor,
         rate_hz=camera.rate_hz,
