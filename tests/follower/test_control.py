@@ -97,23 +97,21 @@ def test_limits_hold_whatever_comes(standoff, goal, goal_velocity, robot):
     assert abs(twist.yaw) <= 2.5
 
 
-@pytest.mark.parametrize("turn", [3.0, -3.0])
-def test_the_distance_is_kept_from_a_person_who_spins_faster_than_the_robot_can_go(turn):
+def test_the_distance_is_kept_from_a_person_who_spins_fast():
     start = BACK.goal(PERSON)
-    way = list(follow(make(), start, 10.0, Twist2D(yaw=turn), acceleration=2.5))
-    bearings = [BACK.errors(person, robot).bearing for person, robot in way]
+    steps = list(follow(make(), start, 10.0, Twist2D(yaw=3.0), acceleration=2.5))
+    bearings = [BACK.errors(person, robot).bearing for person, robot in steps]
     assert max(map(abs, bearings)) > 1.0  # 3 m/s would be needed, and 2 m/s there are
     # The goal laps the robot, which then has to turn back from 2 m/s: 0.8 s at 2.5 m/s².
     # Until then it is anywhere around the person; three PIDs would cut through them: 1 m.
-    distances = [abs(person.distance(robot) - 1.0) for person, robot in way]
+    distances = [abs(person.distance(robot) - 1.0) for person, robot in steps]
     assert max(distances) < 0.3
     assert np.mean(distances) < 0.1  # a tenth of the distance to keep, most of it at such turns
 
 
-@pytest.mark.parametrize("distance", [1.5, 3.0, 10.0])
-def test_a_robot_that_brakes_as_told_does_not_pass_its_distance(distance):
-    way = follow(make(), Pose2D(-distance), 10.0, acceleration=2.5)
-    distances = [person.distance(robot) for person, robot in way]
+def test_a_braking_robot_does_not_pass_its_distance():
+    steps = follow(make(), Pose2D(-3.0), 10.0, acceleration=2.5)
+    distances = [person.distance(robot) for person, robot in steps]
     # where braking turns into the exponential, and one tick: 2 m/s² * 0.01 s / 3 per s
     assert min(distances) > 1.0 - 0.007
     assert distances[-1] == pytest.approx(1.0, abs=1e-6)
@@ -149,8 +147,7 @@ def test_at_45_degrees_it_keeps_the_distance_from_who_is_faster_than_the_diagona
     assert max(errors[round(8.0 / DT) :]) < 0.01
 
 
-@pytest.mark.parametrize("view", ["back", "front"])
-def test_it_catches_up_with_who_walks_from_the_first_tick_nearly_as_fast_as_can_be(view):
+def test_it_catches_up_nearly_as_fast_as_possible():
     """The time-optimal plan: 2.5 m/s² up to 2 m/s, there until it has to brake to 1.3 m/s."""
     v, a, most = 1.3, 2.5, 2.0
     best, gap, speed = 0.0, 0.0, 0.0
@@ -159,14 +156,14 @@ def test_it_catches_up_with_who_walks_from_the_first_tick_nearly_as_fast_as_can_
         speed = speed - a * DT if brakes else min(speed + a * DT, most)
         gap += (v - speed) * DT
         best += abs(gap) * DT
-    config = FollowerConfig(view=view)
+    config = FollowerConfig(view="back")
     area = sum(distance_errors(config, lambda _: Twist2D(v), 8.0)) * DT
     # besides, the last 0.2 m are taken at the gain of 3 per s that the noise allows
     assert area < best + 0.2 / 3.0
 
 
-@pytest.mark.parametrize("view", ["back", "side_left", "side_right", "front"])
-def test_a_camera_of_70_degrees_keeps_who_sets_off_and_turns(view):
+@pytest.mark.parametrize("view", ["back", "side_left"])
+def test_a_camera_of_70_degrees_keeps_a_person_who_turns(view):
     config = FollowerConfig(view=view)
 
     def walking(time):
@@ -184,13 +181,12 @@ def test_the_field_of_view_is_that_of_the_sensor():
     assert kept_view(math.radians(20.0)) == pytest.approx((math.radians(5.0), 0.0))
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_robot_whose_camera_looks_sideways_drives_beside_the_person_without_turning(side):
-    config = FollowerConfig(bearing_deg=-90.0 * side, heading_deg=0.0)
-    view = kept_view(math.radians(75.0), math.pi / 2 * side)
+def test_with_a_camera_that_looks_sideways_it_does_not_turn():
+    config = FollowerConfig(bearing_deg=-90.0, heading_deg=0.0)
+    view = kept_view(math.radians(75.0), math.pi / 2)
     for person, robot in walk(config, lambda time: Twist2D(min(time, 1.3)), 6.0, view):
         seen = robot.between(person)
-        assert math.atan2(seen.y, seen.x) == pytest.approx(math.pi / 2 * side, abs=0.1)
+        assert math.atan2(seen.y, seen.x) == pytest.approx(math.pi / 2, abs=0.1)
         assert robot.yaw == pytest.approx(0.0, abs=1e-6)  # rounding
 
 
@@ -234,11 +230,6 @@ def test_a_step_stays_within_all_limits(target, direction, x, y, yaw, turns_firs
         assert low - 1e-9 <= value <= high + 1e-9
 
 
-def test_a_drive_without_limits_reaches_any_twist():
-    twist = allocate(PolarTwist(3.0, 4.0, 5.0), math.pi / 2, STILL, Drive(), math.inf, DT)
-    assert twist == pytest.approx((-4.0, 3.0, 5.0))
-
-
 def test_terms_add_up_as_computed_by_hand():
     pid = PID(Gains(kp=2.0, ki=0.5, kd=0.1, limit=10.0))
     # 0.3 + 2 * 1 + 0.5 * 1 * 0.2 + 0.1 * -4
@@ -265,6 +256,8 @@ def test_integral_is_unwound_while_the_output_is_at_its_limit():
 
 
 NORTH = math.pi / 2
+RIGHT = Pose2D(1.0, 0.0, NORTH), Pose2D(0.0, 0.0, NORTH)
+PLACE = Pose2D(3.0, 4.0, NORTH)
 
 
 def controller(kp=1.0, ki=0.0, kd=0.0, feed_forward=True):
@@ -272,27 +265,21 @@ def controller(kp=1.0, ki=0.0, kd=0.0, feed_forward=True):
     return PoseController(PidControl(gains, gains, gains, feed_forward))
 
 
-def test_error_is_taken_in_base_link():
-    # The robot looks along +y; a goal 1 m to the +x is on its right.
-    twist = controller().command(Pose2D(1.0, 0.0, NORTH), Twist2D(), Pose2D(0.0, 0.0, NORTH), DT)
-    assert twist == pytest.approx((0.0, -1.0, 0.0), abs=1e-12)
-
-
-def test_feed_forward_is_turned_into_base_link():
-    here = Pose2D(3.0, 4.0, NORTH)
-    twist = controller().command(here, Twist2D(0.2, 0.5, 0.1), here, DT)
-    assert twist == pytest.approx((0.5, -0.2, 0.1))
-
-
-def test_without_feed_forward_the_goal_velocity_does_nothing():
-    here = Pose2D(3.0, 4.0, 1.0)
-    twist = controller(kd=1.0, feed_forward=False).command(here, Twist2D(1.0, 1.0, 1.0), here, DT)
-    assert twist == Twist2D()
-
-
-def test_heading_takes_the_short_way_across_the_wrap():
-    twist = controller().command(Pose2D(0.0, 0.0, -3.1), Twist2D(), Pose2D(0.0, 0.0, 3.1), DT)
-    assert twist.yaw == pytest.approx(math.tau - 6.2)
+@pytest.mark.parametrize(
+    ("feed_forward", "goal", "velocity", "robot", "expected"),
+    [
+        # the robot looks along +y; a goal 1 m to the +x is on its right
+        (True, RIGHT[0], (0.0, 0.0, 0.0), RIGHT[1], (0.0, -1.0, 0.0)),
+        (True, PLACE, (0.2, 0.5, 0.1), PLACE, (0.5, -0.2, 0.1)),
+        (False, PLACE, (0.2, 0.5, 0.1), PLACE, (0.0, 0.0, 0.0)),
+        # the short way across the wrap
+        (True, Pose2D(yaw=-3.1), (0.0, 0.0, 0.0), Pose2D(yaw=3.1), (0.0, 0.0, math.tau - 6.2)),
+    ],
+)
+def test_error_and_feed_forward_are_in_base_link(feed_forward, goal, velocity, robot, expected):
+    control = controller(feed_forward=feed_forward)
+    twist = control.command(goal, Twist2D(*velocity), robot, DT)
+    assert twist == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -300,20 +287,14 @@ def test_heading_takes_the_short_way_across_the_wrap():
     [
         # a goal that jumps 0.004 m ahead in 0.01 s: 0.5 * 0.4 m/s
         ([Pose2D(), Pose2D(0.004)], [Pose2D(), Pose2D()], (0.2, 0.0, 0.0)),
-        # the robot looks along +y and moves 0.004 m ahead: the error falls
-        ([Pose2D()] * 2, [Pose2D(0.0, 0.0, NORTH), Pose2D(0.0, 0.004, NORTH)], (-0.2, 0.0, 0.0)),
         # 1 m ahead of a robot that turns left by 0.001: the goal moves 0.001 m to the right
         ([Pose2D(1.0)] * 2, [Pose2D(), Pose2D(0.0, 0.0, 0.001)], (0.0, -0.05, -0.05)),
         # 0.002 rad to the left, across the wrap of the error at pi
-        (
-            [Pose2D(0.0, 0.0, math.pi - 0.001), Pose2D(0.0, 0.0, 0.001 - math.pi)],
-            [Pose2D(), Pose2D()],
-            (0.0, 0.0, 0.1),
-        ),
+        ([Pose2D(yaw=math.pi - 0.001), Pose2D(yaw=0.001 - math.pi)], [Pose2D()] * 2, (0, 0, 0.1)),
         # the robot moves with the goal: the error is constant
         ([Pose2D(1.0), Pose2D(1.004)], [Pose2D(), Pose2D(0.004)], (0.0, 0.0, 0.0)),
     ],
-    ids=["jump", "ahead", "turn", "wrap", "together"],
+    ids=["jump", "turn", "wrap", "together"],
 )
 def test_derivative_is_the_rate_of_the_error(goals, robots, expected):
     control = controller(kp=0.0, kd=0.5, feed_forward=False)
@@ -328,5 +309,4 @@ def test_stop_is_at_rest_and_forgets_integrals_and_motion():
     for tick in range(100):
         control.command(Pose2D(5.0, 5.0, 1.0), Twist2D(), Pose2D(tick * DT, 0.0, 0.0), DT)
     assert control.stop() == Twist2D()
-    here = Pose2D(9.0, 9.0, 0.0)
-    assert control.command(here, Twist2D(), here, DT) == Twist2D()
+    assert control.command(PLACE, Twist2D(), PLACE, DT) == Twist2D()
