@@ -353,12 +353,6 @@ def test_process_noise_at_rest_is_the_integral_of_white_noise(variances, yaw, dt
     assert process_noise(variances, state, dt) == pytest.approx(integral, rel=1e-12, abs=1e-12)
 
 
-def test_sway_grows_with_the_distance_walked():
-    state = np.array([0.0, 0.0, 1.0, -2.0, 0.0])
-    Q = process_noise((0.0009, 0.0, 0.0, 0.0, 0.0), state, 0.5)
-    assert pytest.approx(np.diag([0.0009, 0.0009, 0.0, 0.0, 0.0])) == Q  # 1 m walked
-
-
 class FilterpyMode(ExtendedKalmanFilter):
     """A mode as filterpy's extended Kalman filter, with the interface of its Kalman filter."""
 
