@@ -13,13 +13,13 @@ from mecazen.drive import Drive, Limits
 from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate
 from mecazen_follower.control import (
     ALL_AROUND,
-    PID,
     PolarController,
     PolarTwist,
     PoseController,
     allocate,
     approach,
     kept_view,
+    pid,
 )
 from planar import angles, poses, standoffs, twists
 
@@ -209,24 +209,15 @@ def test_a_step_stays_within_all_limits(target, direction, x, y, yaw, turns_firs
 
 
 def test_a_pid_adds_terms_and_does_not_wind_up():
-    pid = PID(Gains(kp=2.0, ki=0.5, kd=0.1, limit=10.0))
+    gains = Gains(kp=2.0, ki=0.5, kd=0.1, limit=10.0)
     # 0.3 + 2 * 1 + 0.5 * 1 * 0.2 + 0.1 * -4; then the integral alone
-    assert pid.update(1.0, -4.0, 0.2, 0.3) == pytest.approx(2.0)
-    assert pid.update(0.0, 0.0, 0.2) == pytest.approx(0.1)
-    pid = PID(Gains(kp=1.0, ki=1.0, limit=0.5))
-    for _ in range(1000):
-        assert pid.update(2.0, 0.0, DT) == 0.5
-    # with 20 s·m of integral it would stay at its limit for long; it turns at once
-    assert pid.update(-0.1, 0.0, DT) == pytest.approx(-0.101)
-
-
-def test_a_pid_unwinds_while_its_output_is_at_the_limit():
-    pid = PID(Gains(kp=0.0, ki=1.0, limit=1.0))
-    pid.update(0.9, 0.0, 1.0)
-    for _ in range(10):
-        # the feed-forward alone holds the output at its limit; the error is against it
-        assert pid.update(-0.05, 0.0, 1.0, feed_forward=5.0) == 1.0
-    assert pid.update(0.0, 0.0, 1.0) == pytest.approx(0.4)
+    output, integral = pid(gains, 1.0, -4.0, 0.0, 0.2, 0.3)
+    assert output == pytest.approx(2.0)
+    assert pid(gains, 0.0, 0.0, integral, 0.2) == pytest.approx((0.1, 0.1))
+    # at the limit an error is integrated only if it is against the output
+    gains = Gains(kp=1.0, ki=1.0, limit=0.5)
+    assert pid(gains, 2.0, 0.0, 0.2, DT) == (0.5, 0.2)
+    assert pid(gains, -0.1, 0.0, 0.9, 1.0) == pytest.approx((0.5, 0.8))
 
 
 NORTH = math.pi / 2
