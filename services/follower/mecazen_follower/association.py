@@ -14,7 +14,7 @@ from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
 from mecazen.limits import FARTHEST_M
 from mecazen.messages import PlanarCovariance
-from mecazen.walkers import Walker
+from mecazen.walkers import WalkerTrack
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.estimators.base import MIN_NOISE
@@ -112,7 +112,7 @@ class OtherTrack:
     """The track of another person or thing: a walker, or something that stands."""
 
     def __init__(self, time: float, seen: Measurement) -> None:
-        self._walker = Walker.begin(time, seen.pose[:2], spread(seen.covariance))
+        self._walker = WalkerTrack.begin(time, seen.pose[:2], spread(seen.covariance))
         self._identity = seen.identity
         self._place = time, seen.pose[:2]
         """Time since which the track is near a place, and that place."""

@@ -33,10 +33,11 @@ def approach(error: float, gain: float, deceleration: float) -> float:
 
 
 class FieldOfView(NamedTuple):
-    """Where to keep the person: within `half` of the direction `centre` in base_link [rad]."""
+    """Directions within `half` of the direction `centre` in base_link [rad], up to a range [m]."""
 
     half: float = math.inf
     centre: float = 0.0
+    max_range: float = math.inf
 
 
 ALL_AROUND = FieldOfView()
@@ -134,7 +135,7 @@ class PolarController:
         x, y = velocity
         used = (abs(x) + self._drive.sideways * abs(y)) / self._drive.rim_speed
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
-        half, centre = self._view
+        half, centre, _ = self._view
         return off - min(max(off - facing, centre - half), centre + half)
 
     def resume(self, twist: Twist2D) -> None:

@@ -106,7 +106,7 @@ class Following:
         """Return the zero twist, or a turn to the side on which the person left the view."""
         twist = self._controller.stop()
         if self.planner is not None:
-            self.planner.rest()
+            self.planner.clear_plan()
         if self._view == ALL_AROUND:
             return twist
         return twist._replace(yaw=math.copysign(SEARCH, self._side))
