@@ -124,6 +124,7 @@ class Net(NamedTuple):
 
     open: Callable[..., Any]
     endpoint: str
+    namespace: str | None
 
 
 @pytest.fixture(params=[None, "fleet/robot2"])
@@ -142,7 +143,7 @@ def net(request, folder):
             return stack.enter_context(open_session(config, mode, name))
 
         open_one("router", "router")
-        yield Net(open_one, endpoint)
+        yield Net(open_one, endpoint, request.param)
 
 
 def in_order(function: Callable[[Any], None]) -> Any:
@@ -188,10 +189,10 @@ def settle(session: Any) -> None:
         assert time.monotonic() < end, "nobody answers"
 
 
-@pytest.fixture(params=["through the router", "directly"])
-def intruder(request, net, physics):
-    """Open a client with a given certificate, at the router or at the peer itself."""
-    door = net.endpoint if request.param == "through the router" else physics.endpoint
+@pytest.fixture
+def intruder(net, physics):
+    """Open a client with a given certificate: at the peer if in a namespace, else at the router."""
+    door = physics.endpoint if net.namespace else net.endpoint
 
     def come(name):
         session = net.open(name, connect=door)
