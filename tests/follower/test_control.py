@@ -125,6 +125,12 @@ def test_at_45_degrees_it_keeps_the_distance_from_who_is_faster_than_the_diagona
     assert max(errors[round(8.0 / DT) :]) < 0.01
 
 
+def test_a_robot_beside_who_runs_off_turns_to_catch_up():
+    # from rest it falls back to where the way to the person is askew, at 1.41 m/s of the wheels
+    errors = distance_errors(FollowerConfig(view="side_left"), lambda _: Twist2D(1.8), 15.0)
+    assert max(errors[round(8.0 / DT) :]) < 0.05  # it closes in slowly: little speed is left
+
+
 def test_it_catches_up_nearly_as_fast_as_possible():
     """The time-optimal plan: 2.5 m/s² up to 2 m/s, there until it has to brake to 1.3 m/s."""
     v, a, most = 1.3, 2.5, 2.0
@@ -136,8 +142,8 @@ def test_it_catches_up_nearly_as_fast_as_possible():
         best += abs(gap) * DT
     config = FollowerConfig(view="back")
     area = sum(distance_errors(config, lambda _: Twist2D(v), 8.0)) * DT
-    # besides, the last 0.2 m are taken at the gain of 3 per s that the noise allows
-    assert area < best + 0.2 / 3.0
+    # besides, the last 0.2 m are taken at the gain of 5 per s that the noise allows
+    assert area < best + 0.2 / 5.0
 
 
 @pytest.mark.parametrize("view", ["back", "side_left"])

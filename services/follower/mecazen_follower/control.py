@@ -94,11 +94,13 @@ class PolarController:
         bearing = math.atan2(offset[1], offset[0]) if distance > 0.0 else wanted
         direction = bearing - robot.yaw  # in base_link
 
+        linear = law.linear_gain_1_s, LINEAR_BRAKING_M_S2
         away, around = rotate(*with_person, -bearing)
+        away += approach(self._standoff.distance - distance, *linear)
         # direction of the person, relative to the goal's heading
         centre = self._view.centre
         off = wrap(bearing + math.pi - goal.yaw - centre) + centre
-        facing = self._facing(rotate(*with_person, -goal.yaw), off)
+        facing = self._facing(rotate(*with_person, -goal.yaw), away, off)
         if abs(off - facing - centre) >= self._view.half and distance > 0.0:
             # at the edge of the view, the heading follows the person
             turn_to_person = rotate(self._last.x, self._last.y, -direction)[1] - around
@@ -108,8 +110,6 @@ class PolarController:
         error = wrap(goal.yaw + facing - robot.yaw)
         yaw = feed_forward + approach(error, law.heading_gain_1_s, HEADING_BRAKING_RAD_S2)
 
-        linear = law.linear_gain_1_s, LINEAR_BRAKING_M_S2
-        away += approach(self._standoff.distance - distance, *linear)
         around += distance * turn + approach(distance * wrap(wanted - bearing), *linear)
         yaw = min(max(yaw, -law.max_yaw_rate_rad_s), law.max_yaw_rate_rad_s)
         self._last = allocate(
@@ -123,7 +123,7 @@ class PolarController:
         )
         return self._last
 
-    def _facing(self, velocity: tuple[float, float], off: float) -> float:
+    def _facing(self, velocity: tuple[float, float], away: float, off: float) -> float:
         """Return how far to turn from the heading of the goal towards the person [rad].
 
         If the robot faces the person, it reaches its full speed along the line to the person, and
@@ -132,8 +132,11 @@ class PolarController:
         robot also turns until the person is in view. `off` is the person's direction from the
         goal's heading [rad].
         """
+        askew = abs(math.cos(off)) + self._drive.sideways * abs(math.sin(off))
         x, y = velocity
-        used = (abs(x) + self._drive.sideways * abs(y)) / self._drive.rim_speed
+        used = (
+            max(abs(x) + self._drive.sideways * abs(y), abs(away) * askew) / self._drive.rim_speed
+        )
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
         half, centre, _ = self._view
         return off - min(max(off - facing, centre - half), centre + half)
