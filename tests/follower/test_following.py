@@ -38,6 +38,24 @@ def test_a_limited_view_searches_where_the_person_went(side, view, yaw):
     assert command == (0.0, 0.0, yaw * side)
 
 
+def turns_around(yaw_std_deg, seconds):
+    """Return how far [m] the robot goes round a person who stands, seen with a turning heading."""
+    following, robot = Following(FollowerConfig(), SensorConfig(), DRIVE), Pose2D(-1.0)
+    covariance = np.diag([1e-4, 1e-4, math.radians(yaw_std_deg) ** 2]).tolist()
+    for tick in range(round(seconds / DT)):
+        seen = Pose2D(yaw=math.pi / 2)  # they face left: behind them is to the right
+        frame = Frame(tick * DT, (Measurement(seen, covariance),)) if tick % FRAME == 0 else None
+        robot = robot.integrate(following.step(tick * DT, DT, robot, frame).command, DT)
+    return abs(robot.y)
+
+
+def test_a_robot_waits_until_the_heading_of_who_stands_is_known():
+    # of 68 degrees, one in 4 frames is enough for 34 degrees, and 8 for 25: 0.3 s
+    assert turns_around(68.0, 0.25) < 0.01
+    assert turns_around(68.0, 3.0) > 0.5
+    assert turns_around(5.0, 0.25) > 0.03
+
+
 FRAME = 4
 """Ticks from one frame to the next: 25 Hz."""
 UNKNOWN = ((0.0, 0.0, 0.0),) * 3
