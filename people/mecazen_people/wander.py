@@ -45,7 +45,7 @@ class Character(NamedTuple):
     greatest: float
     """Greatest speed [m/s]."""
     evenness: float
-    """Share of `DIFFUSION` and of the ripple."""
+    """Share of `DIFFUSION`, and up to 1 of the ripple."""
     patience: float
     """Factor of the durations of walking on, bends and standing."""
     ripple: float
@@ -92,7 +92,7 @@ def walker(number: int) -> tuple[Character, Iterator[Segment]]:
     greatest = random.uniform(SLOWEST_M_S, FASTEST_M_S)
     evenness = math.exp(random.uniform(math.log(EVENNESS[0]), math.log(EVENNESS[1])))
     patience = math.exp(random.uniform(math.log(PATIENCE[0]), math.log(PATIENCE[1])))
-    ripple = evenness * random.uniform(0.0, GREATEST_RIPPLE)
+    ripple = min(evenness, 1.0) * random.uniform(0.0, GREATEST_RIPPLE)
     character = Character(greatest, evenness, patience, ripple)
     return character, segments(random, character)
 
