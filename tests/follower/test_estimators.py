@@ -21,11 +21,10 @@ from hypothesis import strategies as st
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen_follower.estimators import ESTIMATORS, Estimate
 from mecazen_follower.estimators.imm import (
-    BLUNT,
     IDENTITY,
     MANOEUVRING,
+    MODES,
     OBSERVED,
-    SHARP,
     SIZE,
     STANDING,
     STRAIGHT,
@@ -35,7 +34,6 @@ from mecazen_follower.estimators.imm import (
     ImmBank,
     V,
     ctrv,
-    modes_at,
     process_noise,
 )
 from scipy.stats import chi2
@@ -202,9 +200,10 @@ def heading_error(name, seconds=15.0, walks=6):
 def test_the_heading_follows_from_the_motion_where_both_are_coupled():
     # A line fitted to the positions has a slope of σ sqrt(12 / (rate T³)): 0.17 degrees. For a
     # person who may also turn it is a parabola, whose end slope is 4 times as uncertain: 0.68.
-    # Three times that is allowed, since the filters forget a little: 2 degrees.
+    # Three times that is allowed for the single filter, which forgets a little, and six times for
+    # the bank, whose people may wind: 2 and 4 degrees.
     parabola = 4.0 * 0.05 * math.sqrt(12.0 * FRAME_S / 15.0**3) / SLOW
-    assert heading_error("imm") < 3.0 * parabola
+    assert heading_error("imm") < 6.0 * parabola
     assert heading_error("ekf_ctrv") < 3.0 * parabola
     assert heading_error("kf_cv") > 6.0 * parabola
 
@@ -309,7 +308,7 @@ START = np.array([1.0, -2.0, 0.4, 0.0, 0.0])
 COVARIANCE = np.diag([*np.diag(NOISE), 1.0, 0.25])
 STAND, STROLL, TURN = (0.0, 0.0), (0.8, 0.0), (0.8, 0.7)
 WAVERING = 0.1
-"""Random walk of the heading of a person who does not turn [rad], after 1 s."""
+"""Random walk of the heading of a person who walks on [rad], after 1 s; who stands has a tenth."""
 
 coordinates = st.floats(-10.0, 10.0)
 rates = st.one_of(st.just(0.0), st.floats(-1e-6, 1e-6), st.floats(-5.0, 5.0))
@@ -380,11 +379,12 @@ def observed(*phases, seed=1):
         for _ in range(round(seconds / FRAME_S)):
             state, _ = ctrv(state, FRAME_S)
             if motion[1] == 0.0:
-                state[YAW] += WAVERING * math.sqrt(FRAME_S) * rng.normal()
+                wavering = WAVERING if motion[0] else WAVERING / 10.0
+                state[YAW] += wavering * math.sqrt(FRAME_S) * rng.normal()
             yield state[:OBSERVED] + white(rng)
 
 
-@pytest.mark.parametrize("modes", [(TURNING,), SHARP])
+@pytest.mark.parametrize("modes", [(TURNING,), MODES])
 def test_the_bank_agrees_with_filterpy(modes):
     bank, n = ImmBank(modes, SWAY, START, COVARIANCE), len(modes)
     transitions = np.array([[FRAME_S / mode.sojourn_s / max(n - 1, 1)] * n for mode in modes])
@@ -407,7 +407,7 @@ def test_the_bank_agrees_with_filterpy(modes):
 
 def test_covariances_stay_positive_through_dropouts_outliers_and_long_steps():
     rng = np.random.default_rng(2)
-    bank = ImmBank(SHARP, SWAY, START, COVARIANCE)
+    bank = ImmBank(MODES, SWAY, START, COVARIANCE)
     phases = ((20.0, *motion) for motion in (STAND, STROLL, TURN))
     for k, z in enumerate(observed(*phases, seed=3)):
         bank.predict(10.0 if k % 500 == 499 else FRAME_S)  # longer than all modes last
@@ -432,17 +432,9 @@ def test_covariances_stay_positive_through_dropouts_outliers_and_long_steps():
     ],
 )
 def test_the_likeliest_mode_is_how_the_person_moves(phases, mode):
-    bank, probabilities = ImmBank(SHARP, SWAY, START, COVARIANCE), []
+    bank, probabilities = ImmBank(MODES, SWAY, START, COVARIANCE), []
     for z in observed(*phases):
         bank.predict(FRAME_S)
         bank.update(z, NOISE)
         probabilities.append(bank.mu)
-    assert SHARP[np.mean(probabilities[-125:], axis=0).argmax()] is mode  # over the last 5 s
-
-
-def test_modes_change_by_a_power_of_the_noise_between_sharp_and_blunt():
-    sharp, blunt = np.array(SHARP), np.array(BLUNT)
-    assert np.array(modes_at(1.0)) == pytest.approx(sharp)
-    assert np.array(modes_at(180.0)) == pytest.approx(blunt)
-    middle = np.array(modes_at(math.sqrt(5.0 * 65.0)))
-    assert middle == pytest.approx(np.sqrt(sharp * blunt))
+    assert MODES[np.mean(probabilities[-125:], axis=0).argmax()] is mode  # over the last 5 s
