@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, NullLocator
 from mecazen.loading import load_table
 from mecazen_experiments.config import Experiment, experiment_path
-from mecazen_experiments.figures import KINDS, STANDOFFS
+from mecazen_experiments.figures_old import KINDS, STANDOFFS
 from mecazen_experiments.jobs import expand
 from mecazen_experiments.run import tabulate
 from mecazen_experiments.scores import deviations

@@ -8,11 +8,9 @@ from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.mocap import CAPTURE
 from mecazen_experiments.report import Kind
 from mecazen_experiments.safety import SAFETY
-from mecazen_experiments.table2 import PAPER
 
 KINDS: dict[str, Kind[Any]] = {
     "following": FOLLOWING,
-    "paper": PAPER,
     "mocap": CAPTURE,
     "safety": SAFETY,
 }

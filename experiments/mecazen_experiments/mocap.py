@@ -26,7 +26,7 @@ from mecazen_experiments.quality import (
 )
 from mecazen_experiments.report import Do, Kind, Record, Row, regroup
 from mecazen_experiments.run import file_name
-from mecazen_experiments.tables import Column, table
+from mecazen_experiments.tables_old import Column, table
 
 VIEW, GAIT = "view", "case"
 STANDOFF, SPEED = "follower.standoff_m", "target.path.speed_m_s"

@@ -12,7 +12,7 @@ from mecazen_experiments.jobs import Job
 from mecazen_experiments.report import Kind, Record, Row, regroup
 from mecazen_experiments.safety_scores import Safety, safety
 from mecazen_experiments.statistics import most_per_hour
-from mecazen_experiments.tables import Column, table
+from mecazen_experiments.tables_old import Column, table
 from mecazen_experiments.watch import watch
 
 CAPTION = (

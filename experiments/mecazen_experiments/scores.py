@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import SupportsFloat
+from typing import TYPE_CHECKING, SupportsFloat
 
 import msgspec
 import numpy as np
@@ -14,6 +14,9 @@ from mecazen_follower.tracker import TrackingState
 from mecazen_tools.trajectory import COVARIANCE
 
 from mecazen_experiments.table import Floats, Poses, Table, wrap
+
+if TYPE_CHECKING:
+    from mecazen_experiments.expansion import Job
 
 SETTLING_S = 5.0
 """Time from the first motion of the person until the robot should have caught up."""
@@ -91,6 +94,22 @@ class Scores(msgspec.Struct, frozen=True):
 
     whole: Score
     settled: Score
+
+
+def following(job: Job) -> dict[str, float | str | None]:
+    """Simulate a job; return its scores, and the hash of its trajectory."""
+    from mecazen_experiments.run import observe  # noqa: PLC0415
+
+    scenario = job.load()
+    observed = observe(scenario)
+    scores = score(observed.table, scenario.follower.standoff)
+    settled = scores.settled
+    return {
+        **msgspec.structs.asdict(scores.whole),
+        "settled_d_err_m": settled.d_err_m,
+        "settled_theta_err_deg": settled.theta_err_deg,
+        "trajectory": observed.trajectory_sha256[:16],
+    }
 
 
 def score(table: Table, standoff: Standoff) -> Scores:

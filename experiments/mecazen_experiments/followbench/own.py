@@ -12,7 +12,7 @@ from mecazen_experiments.gait.path import PATH_HZ, lowpass
 from mecazen_experiments.gait.stages import seen_stages, true_stage
 from mecazen_experiments.safety import COLUMNS as SAFETY_COLUMNS
 from mecazen_experiments.safety_scores import Safety, safety
-from mecazen_experiments.tables import Column
+from mecazen_experiments.tables_old import Column
 from mecazen_experiments.watch import Watched
 
 WALKS_M_S = 0.5
