@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from mecazen_experiments import scores
+from mecazen_experiments import quality, scores
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
@@ -18,5 +18,6 @@ Value = bool | int | float | str | None
 
 PROGRAMS: dict[str, Callable[[Job], Mapping[str, Value]]] = {
     "following": scores.following,
+    "mocap": quality.mocap,
 }
 """The programs by their names in studies."""

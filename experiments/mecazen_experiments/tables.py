@@ -27,6 +27,11 @@ from mecazen_experiments.study import Column, Label, Study, Table, check_known
 
 PAIRED = {"difference": paired_difference, "ratio": paired_ratio}
 """Ways to compare a row with the reference row, unit by unit."""
+REDUCTIONS: dict[str, Callable[[Iterable[float]], float]] = {
+    "sum": math.fsum,
+    "min": lambda values: min(values),
+    "max": lambda values: max(values),
+}
 CAPTION = (
     "Means, each with its 95 % interval over the n independent units; of two units, both values."
 )
@@ -196,9 +201,7 @@ def _cell(
                 for value in dict.fromkeys(every)
             )
         case "sum" | "min" | "max":
-            reduce: Callable[[Iterable[float]], float]
-            reduce = {"sum": math.fsum, "min": min, "max": max}[column.how]
-            return f"{reduce(every):.{digits}f}"
+            return f"{REDUCTIONS[column.how](every):.{digits}f}"
         case "most_per_hour":
             hours = math.fsum(group["time_s"]) / 3600.0
             return f"{most_per_hour(math.fsum(every), hours):.{digits}f}"
