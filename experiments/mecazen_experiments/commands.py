@@ -15,13 +15,13 @@ from mecazen.files import to_value
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
+from mecazen_tools.observe import observe
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
 from mecazen_experiments import figures, frame, tables
 from mecazen_experiments.expansion import Job, expand
-from mecazen_experiments.run import observe
 from mecazen_experiments.runs import (
     Columns,
     Progress,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import cycle
 from pathlib import Path
 from statistics import fmean
 from typing import Any, TypeVar
@@ -23,15 +24,14 @@ from mecazen_tools.drawing import (
     draw_arrows,
     save,
 )
+from mecazen_tools.observe import observe
+from mecazen_tools.table import Table, deviations
 
 from mecazen_experiments.expansion import Job
 from mecazen_experiments.frame import select
-from mecazen_experiments.run import observe
 from mecazen_experiments.runs import Workers, do_all
-from mecazen_experiments.scores import deviations
-from mecazen_experiments.statistics import mean_interval
+from mecazen_experiments.statistics import Interval, mean_interval
 from mecazen_experiments.study import Figure, Study, check_known
-from mecazen_experiments.table import Table
 
 T = TypeVar("T")
 Do = Callable[[Callable[[Job], T]], list[tuple[Job, T]]]
@@ -80,28 +80,38 @@ def check(study: Study) -> None:
 
 
 def points(spec: Figure, frame: pd.DataFrame, do: Do[Any]) -> figure.Figure:
-    """Draw the mean of y with its 95 % interval at each x, in a colour for each value of `by`."""
+    """Draw means with 95 % intervals at each x: a panel for each y, a colour for each `by`."""
     del do
-    drawn = figure.Figure(figsize=(COLUMN_IN, 0.7 * COLUMN_IN), layout="constrained")
-    axes = drawn.subplots()
-    units = [spec.unit] if isinstance(spec.unit, str) else list(spec.unit)
-    groups = frame.groupby(spec.by, sort=False) if spec.by else [("", frame)]
-    for (name, group), colour in zip(groups, PALETTE * len(frame), strict=False):
-        rows = []
-        for x, at in group.groupby(spec.x, sort=not isinstance(group[spec.x].iloc[0], str)):
-            values = [fmean(unit[spec.y]) for _, unit in at.dropna(subset=[spec.y]).groupby(units)]
-            if values:
-                rows.append((x, mean_interval(values)))
-        means = [interval.mean for _, interval in rows]
-        bars = [[i.mean - i.ends[0] for _, i in rows], [i.ends[1] - i.mean for _, i in rows]]
-        label = f"{name}" if spec.by else None
-        style_of: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5}
-        axes.errorbar([x for x, _ in rows], means, bars, label=label, capsize=2.0, **style_of)
-    x_label, y_label = spec.labels or (spec.x, spec.y)
-    axes.set(xlabel=x_label, ylabel=y_label, title=spec.title)
+    size = COLUMN_IN * max(1.0, 0.7 * len(spec.panels)), 0.7 * COLUMN_IN
+    drawn = figure.Figure(figsize=size, layout="constrained")
+    x_label, *y_labels = spec.labels or (spec.x, *spec.panels)
+    grid = drawn.subplots(1, len(spec.panels), squeeze=False)
+    for axes, name, label in zip(grid.flat, spec.panels, y_labels, strict=True):
+        axes.set(xlabel=x_label, ylabel=label)
+        groups = frame.groupby(spec.by, sort=False) if spec.by else [(None, frame)]
+        for (word, group), colour in zip(groups, cycle(PALETTE), strict=False):
+            at = _intervals(group, spec, name)
+            means = [interval.mean for interval in at.values()]
+            bars = [
+                [interval.mean - interval.ends[0] for interval in at.values()],
+                [interval.ends[1] - interval.mean for interval in at.values()],
+            ]
+            line: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5}
+            axes.errorbar([*at], means, bars, label=word, capsize=2.0, **line)
+    drawn.suptitle(spec.title)
     if spec.by:
-        axes.legend()
+        _legend(drawn)
     return drawn
+
+
+def _intervals(frame: pd.DataFrame, spec: Figure, name: str) -> dict[Any, Interval]:
+    """Return the interval of a column over independent units, by x."""
+    intervals = {}
+    units = [spec.unit] if isinstance(spec.unit, str) else list(spec.unit)
+    for x, group in frame.dropna(subset=[name]).groupby(spec.x, sort=False):
+        means = [fmean(unit[name]) for _, unit in group.groupby(units)]
+        intervals[x] = mean_interval(means)
+    return intervals
 
 
 def paths(spec: Figure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:

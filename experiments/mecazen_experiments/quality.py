@@ -11,12 +11,12 @@ import numpy as np
 from mecazen.errors import ConfigError
 from mecazen.geometry import Standoff
 from mecazen.skeleton import ANGLES, JOINTS, SIDES
+from mecazen_tools.table import Floats, first_motion
 
 from mecazen_experiments.capture import SEEN, Capture, angles, capture
 from mecazen_experiments.gait.parameters import Gait
 from mecazen_experiments.gait.stages import Stage, seen_stages, true_stage
-from mecazen_experiments.scores import first_motion, score
-from mecazen_experiments.table import Floats
+from mecazen_experiments.scores import score
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
@@ -145,8 +145,10 @@ def _angle_errors(stage: str, errors: Floats | None) -> Columns:
 
 def _gait_errors(true: Stage, filtered: Stage | None, refined: Stage | None) -> Columns:
     """Return the errors of the refined gait; variability is that of the filtered joints."""
-    truth, gait = true.gait, None if refined is None else refined.gait
+    truth = true.gait
     assert truth is not None
+    gait = None if refined is None else refined.gait
+    before = None if filtered is None else filtered.gait
     columns: Columns = {
         name: None if gait is None else error(gait, truth) for name, error in GAIT_ERRORS.items()
     }
@@ -154,7 +156,10 @@ def _gait_errors(true: Stage, filtered: Stage | None, refined: Stage | None) -> 
         for name, value in GAITS.items():
             columns[f"{prefix}_{name}"] = None if each is None else value(each)
     spreads = []
-    for prefix, each in (("true", truth), ("filtered", None if filtered is None else filtered.gait)):
+    for prefix, each in (
+        ("true", truth),
+        ("filtered", None if filtered is None else filtered.gait),
+    ):
         sd = None if each is None else each.sd("stride_time_s")
         columns[f"{prefix}_stride_time_sd_ms"] = None if sd is None else 1e3 * sd
         spreads.append(sd)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from statistics import fmean
 from typing import TYPE_CHECKING, SupportsFloat
 
 import msgspec
@@ -11,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, Standoff
 from mecazen_follower.tracker import TrackingState
+from mecazen_tools.observe import observe
+from mecazen_tools.table import Floats, Poses, Table, deviations, first_motion, wrap
 from mecazen_tools.trajectory import COVARIANCE
-
-from mecazen_experiments.table import Floats, Poses, Table, wrap
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
@@ -98,8 +99,6 @@ class Scores(msgspec.Struct, frozen=True):
 
 def following(job: Job) -> dict[str, float | str | None]:
     """Simulate a job; return its scores, and the hash of its trajectory."""
-    from mecazen_experiments.run import observe  # noqa: PLC0415
-
     scenario = job.load()
     observed = observe(scenario)
     scores = score(observed.table, scenario.follower.standoff)
@@ -119,23 +118,6 @@ def score(table: Table, standoff: Standoff) -> Scores:
         return Scores(Score(), Score())
     settled = begin + round(SETTLING_S / table.tick_s)
     return Scores(*(_score(table.where(slice(at, None)), standoff) for at in (begin, settled)))
-
-
-def first_motion(table: Table) -> int | None:
-    """Return the first tick in which the person's pose differs from the initial one."""
-    person = np.stack(table.poses("target"))
-    moved = np.flatnonzero((person != person[:, :1]).any(axis=0))
-    return int(moved[0]) if moved.size and not np.isnan(person[:, 0]).any() else None
-
-
-def deviations(table: Table, standoff: Standoff) -> tuple[Floats, Floats, Floats]:
-    """Return `Standoff.errors` of the true robot tick by tick: distance [m], bearing, yaw [rad]."""
-    seen = table.poses("target").between(table.poses("robot"))
-    return (
-        np.hypot(seen.x, seen.y) - standoff.distance,
-        wrap(np.arctan2(seen.y, seen.x) - standoff.bearing),
-        wrap(seen.yaw - standoff.heading),
-    )
 
 
 def nees(errors: Floats, covariances: Floats) -> Floats:
@@ -239,7 +221,7 @@ def _p95(values: Floats) -> SupportsFloat:
 
 
 MEASURES: dict[str, Callable[[Floats], SupportsFloat]] = {
-    "err": np.mean,
+    "err": fmean,
     "rms": _rms,
     "p95": _p95,
     "max": np.max,

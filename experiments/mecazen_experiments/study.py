@@ -115,16 +115,22 @@ class Figure(Section):
     kind: str = "points"
     """A name in `figures.KINDS`."""
     x: str = ""
-    y: str = ""
-    """Columns of the frame."""
+    """A column of the frame."""
+    y: str | tuple[str, ...] = ()
+    """Columns of the frame: a panel for each."""
     by: str = ""
     """A column of the frame: a colour for each value."""
     where: str = ""
     """A query of the frame, as in tables."""
     unit: str | tuple[str, ...] = ("case", "draw")
     title: str = ""
-    labels: tuple[str, str] | None = None
-    """The labels of the axes; the names of the columns by default."""
+    labels: tuple[str, ...] = ()
+    """The labels of the axes of x and each y; the names of the columns by default."""
+
+    @property
+    def panels(self) -> list[str]:
+        """The columns of y."""
+        return [self.y] if isinstance(self.y, str) else list(self.y)
 
 
 class Study(Section):

@@ -27,10 +27,10 @@ from mecazen_experiments.study import Column, Label, Study, Table, check_known
 
 PAIRED = {"difference": paired_difference, "ratio": paired_ratio}
 """Ways to compare a row with the reference row, unit by unit."""
-REDUCTIONS: dict[str, Callable[[Iterable[float]], float]] = {
+REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
     "sum": math.fsum,
-    "min": lambda values: min(values),
-    "max": lambda values: max(values),
+    "min": min,
+    "max": max,
 }
 CAPTION = (
     "Means, each with its 95 % interval over the n independent units; of two units, both values."
@@ -101,8 +101,8 @@ def check(study: Study, frame: pd.DataFrame) -> None:
     for figure in study.figures:
         where = f"figure {figure.name!r}"
         select(frame, figure.where, f"{where}: where")
-        for key in ("x", "y", "by"):
-            if name := getattr(figure, key):
+        for key, names in (("x", [figure.x]), ("y", figure.panels), ("by", [figure.by])):
+            for name in filter(None, names):
                 check_known(name, known, f"{where}: {key}: no column", ConfigError)
     scores = [name for name in known if not name.startswith(("limit_", "published_"))]
     for case, key in product(study.cases, ("published", "limits")):
