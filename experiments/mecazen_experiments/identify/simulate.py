@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -15,10 +16,9 @@ from mecazen.robot import Robot
 from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
 
-from mecazen_experiments.identify.drift import shifted
-from mecazen_experiments.identify.fit import Estimate
-from mecazen_experiments.identify.models import TURNS
-from mecazen_experiments.identify.runs import Array, Run
+from mecazen_experiments.identify.data import Array, Run
+from mecazen_experiments.identify.models import Estimate
+from mecazen_experiments.identify.windows import TURNS, shifted
 
 ROLLER_SHARE = 0.3
 """Maximum rotation of a wheel in a step at its highest speed, as a share of the roller pitch."""
@@ -47,8 +47,7 @@ def simulated(robot: Robot, run: Run) -> Array:
 def all_simulated(robot: Robot, runs: Sequence[Run]) -> list[Array]:
     """Return the poses of each run, simulated on all cores."""
     with parallel_config(backend="loky", inner_max_num_threads=1):
-        found = Parallel(n_jobs=-1)(delayed(simulated)(robot, run) for run in runs)
-    return list(found)
+        return list(Parallel(n_jobs=-1)(delayed(simulated)(robot, run) for run in runs))
 
 
 def mounted(poses: Array, mounting: Array) -> Array:
@@ -74,12 +73,12 @@ def identified_robot(
         ConfigError: Such a robot can't be simulated.
     """
     radius, lever = (parameters[name].value for name in ("radius_m", "lever_m"))
-    changed = _scaled(robot, radius, lever / robot.lever, count)
+    unscaled = _scaled(robot, radius, lever / robot.lever, count)
     end = round(TURNED_S / run.period_s)
-    short = Run(run.name, run.session, run.times[:end], run.poses[:end], run.wheels[:end])
+    short = replace(run, times=run.times[:end], poses=run.poses[:end], wheels=run.wheels[:end])
     size = max(1, round(TURN_S / run.period_s))
     ideal = np.diff((short.wheels @ TURNS)[::size]) * radius / 4.0 / lever
-    turned = np.diff(simulated(changed, short)[::size, 2])
+    turned = np.diff(simulated(unscaled, short)[::size, 2])
     gain = float(turned @ ideal / (ideal @ ideal))
     return _scaled(robot, radius, gain * lever / robot.lever, count)
 
