@@ -20,9 +20,8 @@ from mecazen_experiments.config import Experiment, experiment_path
 from mecazen_experiments.figures import KINDS, STANDOFFS
 from mecazen_experiments.jobs import expand
 from mecazen_experiments.run import tabulate
-from mecazen_experiments.scores import deviations
-from mecazen_experiments.table import Table
 from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, PALETTE, STYLE, draw_arrows, save
+from mecazen_tools.table import Table, deviations
 
 ROOT = Path(__file__).parents[2]
 GREEN, GREY = PALETTE[2], "#9aa4ae"

@@ -11,13 +11,13 @@ import numpy as np
 from mecazen.config import Scenario
 from mecazen.geometry import Pose2D
 from mecazen_target.sensor import Sensor
+from mecazen_tools.observe import observe
+from mecazen_tools.table import Poses, Table
 
 from mecazen_experiments.jobs import Job
 from mecazen_experiments.report import Kind, Record, Row
-from mecazen_experiments.run import observe
 from mecazen_experiments.scores import Scores
 from mecazen_experiments.smoother import Sight, least_errors
-from mecazen_experiments.table import Poses, Table
 from mecazen_experiments.tables import Column
 
 COLUMNS: tuple[Column, ...] = (

@@ -18,9 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from mecazen.config import FollowerConfig
 from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, draw_arrows, save
-
-from mecazen_experiments.scores import deviations
-from mecazen_experiments.table import Table
+from mecazen_tools.table import Table, deviations
 
 STANDOFFS = {
     "back": FollowerConfig(view="back").standoff,

@@ -20,29 +20,24 @@ from mecazen.keys import (
     CMD_VEL,
     GROUND_TRUTH,
     GUARD_STATE,
-    JOINT_COMMAND,
-    JOINT_STATES,
     TARGET_CMD_VEL,
     TARGET_ODOM,
     TARGET_SKELETON,
 )
 from mecazen.loading import from_tables, parse_settings
-from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen.robot import WHEEL_JOINTS
 from mecazen.skeleton import INDEX, SIDES
 from mecazen.ticks import ROUNDING_S
-from mecazen.wheels import MecanumKinematics, Watchdog, WheelCommand, WheelSpeeds
 from mecazen.wire import encode
+from mecazen_tools.observe import Samples, collect
 from mecazen_tools.simulation import Simulation
+from mecazen_tools.table import Floats, Poses
 
 from mecazen_experiments.config import Settings
 from mecazen_experiments.freezes import freeze
 from mecazen_experiments.gaps import drives_at, gap_to_obstacle, onsets, to_outline
 from mecazen_experiments.jobs import Job, Key, fingerprint, version
 from mecazen_experiments.report import Kind, Record
-from mecazen_experiments.run import Samples, collect
 from mecazen_experiments.statistics import most_per_hour
-from mecazen_experiments.table import Floats, Poses
 
 ROLLERS = ("programs={}",)
 """Settings for driving in DART instead of a plane without slip: many times slower."""
@@ -53,8 +48,6 @@ ROOM_M = 7.0
 """Length of the walls [m]."""
 CLEAR_M = 0.5
 """Minimum distance of a walking person from obstacles [m]."""
-WHEEL_LAG_S = 0.02
-"""Time constant of the plane world's wheels."""
 BRAKING_M_S2 = 6.0
 """Deceleration of the person: from 1.8 m/s in 0.3 s."""
 COMMAND_TICKS = 5
@@ -65,35 +58,6 @@ FASTEST_M_S, FASTEST_RAD_S = 2.5, 4.0
 """Limits of the commands; the wheels reach less."""
 
 FEET = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("ankle", "heel", "foot")]
-
-
-class Plane(Node):
-    """A world without physics, in which the robot's wheels roll without slip."""
-
-    def reset(self, seed: int) -> None:
-        """Place the robot at the start, at rest."""
-        self.pose, self.speeds = self.scenario.start.pose, np.zeros(4)
-        self.kinematics = MecanumKinematics.from_robot(self.scenario.robot)
-        self.watchdog = Watchdog(self.scenario)
-
-    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Simulate the wheels for a tick."""
-        joints = inputs.get(JOINT_COMMAND)
-        command = self.watchdog.command(
-            None if joints is None else WheelCommand(joints.velocity),
-            inputs.age_s(JOINT_COMMAND),
-            self.speeds.tolist(),
-        )
-        period_s = tick.period_s if tick.number else 0.0
-        lag = 1.0 - math.exp(-period_s / WHEEL_LAG_S)
-        self.speeds += lag * (np.array(command.values) - self.speeds)
-        twist = self.kinematics.forward(WheelSpeeds(*self.speeds.tolist()))
-        if tick.number:
-            self.pose = self.pose.integrate(twist, tick.period_s)
-        header = m.Header(stamp=tick.time)
-        joints = m.JointState(header, WHEEL_JOINTS, velocity=tuple(self.speeds.tolist()))
-        truth = m.planar_odometry(tick.time, "world", "base_link", self.pose, twist)
-        return {JOINT_STATES: joints, GROUND_TRUTH: truth}
 
 
 class Episode(msgspec.Struct, frozen=True):
@@ -242,7 +206,7 @@ def _scenario(seed: int, random: np.random.Generator, file: Path, settings: Sett
         "robot": file.name,
         "seed": seed,
         "services": ["physics", "controller", "target"],
-        "programs": {"physics": "mecazen_experiments.fuzz:Plane"},
+        "programs": {"physics": "mecazen_tools.plane:Plane"},
         "sim": {"duration_s": EPISODE_S},
         "start": {"x_m": robot.x, "y_m": robot.y, "yaw_deg": turned},
         "sensor": {"also": ["lidar"]},

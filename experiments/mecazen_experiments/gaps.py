@@ -12,8 +12,7 @@ from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.skeleton import INDEX, LIMBS
-
-from mecazen_experiments.table import Bools, Floats, Poses
+from mecazen_tools.table import Bools, Floats, Poses
 
 CAUSED_M_S = 0.05
 """Speed of the robot towards a person above which a contact that begins is caused by the robot."""

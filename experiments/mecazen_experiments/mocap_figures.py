@@ -14,11 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, save
+from mecazen_tools.table import Floats
 
 from mecazen_experiments.mocap import STANDOFF, VIEW
 from mecazen_experiments.quality import MEASURED, Curves, Quality
 from mecazen_experiments.report import Row
-from mecazen_experiments.table import Floats
 
 PERCENT = np.linspace(0.0, 100.0, 51)
 """Points of the gait cycle."""

@@ -11,12 +11,12 @@ import numpy as np
 from mecazen.errors import ConfigError
 from mecazen.geometry import Standoff
 from mecazen.skeleton import ANGLES, JOINTS, SIDES
+from mecazen_tools.table import Floats, first_motion
 
 from mecazen_experiments.capture import SEEN, Capture, angles
 from mecazen_experiments.gait.parameters import Gait
 from mecazen_experiments.gait.stages import Stage, seen_stages, true_stage
-from mecazen_experiments.scores import first_motion, score
-from mecazen_experiments.table import Floats
+from mecazen_experiments.scores import score
 
 SETTLING_S = 2.5
 """Time from the person's first motion until the walk is steady and the robot is in place."""

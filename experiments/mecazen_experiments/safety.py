@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
+from mecazen_tools.observe import watch
 from rich.table import Table
 
 from mecazen_experiments.jobs import Job
@@ -13,7 +14,6 @@ from mecazen_experiments.report import Kind, Record, Row, regroup
 from mecazen_experiments.safety_scores import Safety, safety
 from mecazen_experiments.statistics import most_per_hour
 from mecazen_experiments.tables import Column, table
-from mecazen_experiments.watch import watch
 
 CAPTION = (
     "contacts: sums over the runs, those that the robot caused and all; at most: upper limit of "

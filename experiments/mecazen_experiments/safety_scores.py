@@ -11,6 +11,8 @@ from mecazen.config import Scenario, WorldConfig
 from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Standoff
 from mecazen.robot import Robot
+from mecazen_tools.observe import PELVIS, PersonOverTime, Watched
+from mecazen_tools.table import Bools, Floats, first_motion
 
 from mecazen_experiments.gaps import (
     drives_at,
@@ -19,9 +21,7 @@ from mecazen_experiments.gaps import (
     height_of,
     onsets,
 )
-from mecazen_experiments.scores import first_motion, score
-from mecazen_experiments.table import Bools, Floats
-from mecazen_experiments.watch import PELVIS, PersonOverTime, Watched
+from mecazen_experiments.scores import score
 
 TTC_S = 1.0
 """A shorter time to collision is a conflict (J. C. Hayward, Near miss determination through use of
@@ -70,20 +70,20 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
     robot, world = scenario.robot, scenario.world
     step = float(np.mean(np.diff(seen.t)))
     to_person = gap_to_person(robot, seen.robot, *seen.person)
-    to_others = [gap_to_person(robot, seen.robot, *body) for body in seen.others]
+    to_others = [gap_to_person(robot, seen.robot, *body) for body in seen.pedestrians]
     to_world = _world(robot, seen, world)
     standoff = scenario.follower.standoff
     begin = first_motion(seen.table) or 0
     begins_s = float(seen.table["t_s"][begin])
-    frames = seen.seen.where(seen.seen.t >= begins_s)
-    looked, shown = frames.t, frames.reported
+    times, shown = seen.sight
+    times, shown = times[times >= begins_s], shown[times >= begins_s]
     following = score(seen.table, standoff).whole
     return Safety(
         contacts_person=_caused(robot, seen, seen.person, to_person),
         contacts_person_all=len(onsets(to_person)),
         contacts_others=sum(
             _caused(robot, seen, body, gap)
-            for body, gap in zip(seen.others, to_others, strict=True)
+            for body, gap in zip(seen.pedestrians, to_others, strict=True)
         ),
         contacts_others_all=sum(len(onsets(gap)) for gap in to_others),
         contacts_world=len(onsets(to_world)),
@@ -92,7 +92,7 @@ def safety(seen: Watched, scenario: Scenario) -> Safety:
         gap_world_m=_least(to_world),
         conflict_s=float(np.sum(_in_conflict(seen, [to_person, *to_others], step))) * step,
         view_percent=100.0 * float(np.mean(shown)) if len(shown) else 0.0,
-        regain_s=_longest_gap(looked, shown),
+        regain_s=_longest_gap(times, shown),
         d_err_m=following.d_err_m,
         theta_err_deg=following.theta_err_deg,
         frozen_s=_frozen(seen, standoff, begin),
@@ -133,7 +133,7 @@ def _in_conflict(seen: Watched, gaps: Sequence[Floats], step: float) -> Bools:
     The speed is that between pelvis and robot: a swinging foot does not count as an approach.
     """
     found = np.zeros(len(seen.t), dtype=bool)
-    for body, gap in zip((seen.person, *seen.others), gaps, strict=True):
+    for body, gap in zip((seen.person, *seen.pedestrians), gaps, strict=True):
         x, y = body.joints[:, PELVIS, 0] - seen.robot.x, body.joints[:, PELVIS, 1] - seen.robot.y
         closing = -np.gradient(np.hypot(x, y), step)
         with np.errstate(invalid="ignore"):

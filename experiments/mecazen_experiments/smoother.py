@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen_follower.estimators.imm import OBSERVED, SIZE, YAW, V, X, Y, ctrv, process_noise
-
-from mecazen_experiments.table import Floats, Poses, wrap
+from mecazen_tools.table import Floats, Poses, wrap
 
 
 class Sight(NamedTuple):

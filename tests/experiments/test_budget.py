@@ -8,8 +8,8 @@ import pytest
 from harness import SCENARIOS
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.budget import sights
-from mecazen_experiments.table import Table
 from mecazen_tools.simulate import simulate
+from mecazen_tools.table import Table
 
 SHORT = ("sim.duration_s=4",)
 

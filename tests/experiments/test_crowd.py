@@ -4,7 +4,7 @@ import pytest
 from harness import SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario, parse_settings
-from mecazen_experiments.run import observe
+from mecazen_tools.observe import observe
 
 PERSON = "target.path={ kind = 'straight', speed_m_s = 0.6, length_m = 20.0 }"
 BESIDE_A_WALL = (

@@ -6,8 +6,8 @@ import pytest
 from mecazen.loading import load_scenario, load_table, parse_settings
 from mecazen_experiments.config import Experiment, experiment_path
 from mecazen_experiments.scores import score
-from mecazen_experiments.table import Table
 from mecazen_tools.simulate import simulate
+from mecazen_tools.table import Table
 
 SCENARIO = Path(__file__).parents[2] / "configs" / "scenarios" / "back.toml"
 WALK = "target.path={ kind = 'circle', radius_m = 3.0, speed_m_s = 0.5, start_after_s = 0.5 }"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mecazen_experiments import figures
 from mecazen_experiments.figures import draw, errors, trajectories
-from mecazen_experiments.table import Table
+from mecazen_tools.table import Table
 
 TICKS = 600
 TICK_S = 0.1

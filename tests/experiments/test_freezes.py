@@ -6,7 +6,7 @@ from mecazen import keys
 from mecazen.config import Scenario
 from mecazen.loading import load_scenario
 from mecazen_experiments import freezes, fuzz
-from mecazen_experiments.run import collect
+from mecazen_tools.observe import collect
 from mecazen_tools.simulation import Simulation
 
 

@@ -7,7 +7,7 @@ import pytest
 from mecazen.config.world import Box, Cylinder
 from mecazen.skeleton import INDEX, LIMBS
 from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person, height_of
-from mecazen_experiments.table import Poses
+from mecazen_tools.table import Poses
 from people import HEIGHT, NEXUS, body
 
 LENGTH, WIDTH = NEXUS.footprint

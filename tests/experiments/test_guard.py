@@ -5,7 +5,7 @@ from harness import SCENARIOS
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, GUARD_CMD_VEL, GUARD_STATE
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.programs import graph_of
-from mecazen_experiments.run import observe
+from mecazen_tools.observe import observe
 
 TELEOP = SCENARIOS / "teleop.toml"
 PERSON_RADIUS_M = 0.2

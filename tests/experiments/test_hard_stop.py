@@ -5,7 +5,7 @@ from harness import ROBOTS
 from mecazen import keys
 from mecazen.loading import from_tables
 from mecazen_experiments.fuzz import BRAKING_M_S2, from_outline
-from mecazen_experiments.run import observe
+from mecazen_tools.observe import observe
 
 STOPS_AT = 400
 """The tick; the robot has caught up by then."""

@@ -6,10 +6,9 @@ from harness import SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.gaps import gap_to_obstacle
-from mecazen_experiments.run import observe
 from mecazen_experiments.safety_scores import safety
-from mecazen_experiments.table import Poses
-from mecazen_experiments.watch import watch
+from mecazen_tools.observe import observe, watch
+from mecazen_tools.table import Poses
 
 BESIDE = ("follower.view=side_left", "start={ y_m = 1.2, yaw_deg = -90.0 }")
 DOOR_M = 2.5

@@ -12,8 +12,8 @@ from mecazen.drive import LimiterState, MotionLimits, axis_limits, limit_twist
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.wheels import MecanumKinematics
-from mecazen_experiments.run import observe
 from mecazen_follower.planner.mppi import roll
+from mecazen_tools.observe import observe
 from mecazen_tools.simulate import simulate
 
 SIDE = (

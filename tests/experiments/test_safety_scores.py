@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 from harness import ROOT
+from mecazen import messages as m
 from mecazen.loading import load_scenario
-from mecazen_experiments.capture import Motion
 from mecazen_experiments.safety_scores import safety
-from mecazen_experiments.table import Poses
-from mecazen_experiments.watch import PersonOverTime, Watched
+from mecazen_tools.observe import PersonOverTime, Watched
+from mecazen_tools.table import Poses
 from people import HEIGHT, body
 
 from experiments import made_up
@@ -27,16 +27,18 @@ def watched(robot_x, person_x, other_y=None):
     if other_y is not None:
         others = (PersonOverTime(np.array([body(pose=(0.0, y, 0.0)) for y in other_y]), HEIGHT),)
     t = np.arange(n) * made_up.TICK_S
-    truth = Motion(t, step, still, still, still)
-    seen = np.where((np.arange(n) % 4 != 3)[:, None, None], step, np.nan)
+    frames = [
+        (m.Header(m.Time.from_ns(round(time * 1e9))), None if k % 4 == 3 else m.Skeleton())
+        for k, time in enumerate(t.tolist())
+    ]
     return Watched(
         ticks,
         t,
         Poses(robot_x, still, still),
         PersonOverTime(step, HEIGHT),
         others,
-        truth,
-        truth._replace(joints=seen),
+        (),
+        frames,
     )
 
 

@@ -4,7 +4,7 @@ import pytest
 from harness import SCENARIOS
 from mecazen import keys
 from mecazen.loading import load_scenario, parse_settings
-from mecazen_experiments.run import observe
+from mecazen_tools.observe import observe
 
 WALL = "{ kind = 'box', size_m = [1.8, 0.1, 2.0], position_m = [3.4, 0.5] }"
 """Between the robot's way and the person's, who walks past it in 3 s."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_experiments.smoother import LEVELS, Sight, least_errors, smooth
-from mecazen_experiments.table import Poses
 from mecazen_follower.estimators import make_estimator
+from mecazen_tools.table import Poses
 
 RATE = 25.0
 STD = np.array([0.05, 0.05, 0.2])

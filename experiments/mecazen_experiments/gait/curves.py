@@ -13,12 +13,12 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from mecazen.skeleton import ANGLES, SIDES
+from mecazen_tools.table import Floats
 from scipy.interpolate import CubicSpline
 
 from mecazen_experiments.capture import angles
 from mecazen_experiments.gait.parameters import Stride
 from mecazen_experiments.gait.stages import Stage
-from mecazen_experiments.table import Floats
 
 PERCENT = np.arange(101.0)
 """Points of the gait cycle [%] at which curves have values."""

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.skeleton import INDEX, SIDES
+from mecazen_tools.table import Floats
 from scipy.signal import find_peaks
 
 from mecazen_experiments.gait.path import HEELS, WalkOnPath, lowpass, stride_frequency
-from mecazen_experiments.table import Floats
 
 PROMINENCE = 0.3
 """Prominence of an event's extremum, in standard deviations of its signal."""

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 from mecazen.skeleton import ANGLES, INDEX, JOINTS
 from mecazen_people.body.posture import PELVIS_TILT
+from mecazen_tools.table import Floats
 from scipy.spatial.transform import Rotation
 
 from mecazen_experiments.gait.events import Events
-from mecazen_experiments.table import Floats
 
 NAMES = {"pelvis": "Hip", "spine": "Spine", "neck": "Neck", "head": "Head", "foot": "Ball"}
 """Names of joints that differ from Pose2Sim's HALPE_26, which has toes but no balls, and no

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from mecazen.skeleton import INDEX, SIDES
+from mecazen_tools.table import Floats
 
 from mecazen_experiments.gait.events import BALLS, Cycle, Events, cycles
 from mecazen_experiments.gait.path import HEELS
-from mecazen_experiments.table import Floats
 
 ANKLES = tuple(INDEX[f"{side}_ankle"] for side in SIDES)
 MID_STANCE = 0.4, 0.6

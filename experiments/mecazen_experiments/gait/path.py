@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from mecazen.skeleton import INDEX, SIDES
+from mecazen_tools.table import Floats
 from scipy.signal import butter, sosfiltfilt
-
-from mecazen_experiments.table import Floats
 
 MIN_SPEED_M_S = 0.1
 """Minimum speed of a walk."""

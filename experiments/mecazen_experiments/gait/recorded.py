@@ -13,12 +13,12 @@ from mecazen.robots import split_key
 from mecazen.skeleton import JOINTS
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
+from mecazen_tools.table import Poses
 
 from mecazen_experiments.capture import SEEN, Motion, motions
 from mecazen_experiments.gait.path import PATH_HZ, lowpass
 from mecazen_experiments.gait.stages import Stage, seen_stages, true_stage
 from mecazen_experiments.refine import smooth
-from mecazen_experiments.table import Poses
 
 WALKS_M_S = 0.25
 """Speed along the path above which a person walks."""

@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 from mecazen.skeleton import INDEX, SIDES
+from mecazen_tools.table import Floats
 
 from mecazen_experiments.capture import Motion
 from mecazen_experiments.gait.path import WalkOnPath
 from mecazen_experiments.refine import CORRELATED, STRIDE_STD_M, at, cycle, unswapped
-from mecazen_experiments.table import Floats
 
 LEGS = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("knee", "ankle", "heel", "foot")]
 SAGITTAL = [0, 2]

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from mecazen.skeleton import INDEX, SIDES
+from mecazen_tools.table import Floats
 
 from mecazen_experiments.capture import SEEN, Motion
 from mecazen_experiments.gait.events import Events, planted, zeni
@@ -13,7 +14,6 @@ from mecazen_experiments.gait.parameters import Gait, Stride, strides, summary
 from mecazen_experiments.gait.path import about_path
 from mecazen_experiments.gait.rhythm import rhythm
 from mecazen_experiments.refine import refine, smooth
-from mecazen_experiments.table import Floats
 
 LEGS = [[INDEX[f"{s}_{name}"] for name in ("knee", "ankle", "heel", "foot")] for s in SIDES]
 """Joints that a leg's strides need."""

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D
+from mecazen.geometry import Pose2D, Standoff
+
 from mecazen_tools.trajectory import COLUMNS, Trajectory
 
 Floats = npt.NDArray[np.float64]
@@ -65,7 +66,7 @@ class Table:
     def of(cls, trajectory: Trajectory) -> Table:
         """Return the rows of a trajectory as columns; there is at least one row."""
         if trajectory.columns != COLUMNS:
-            raise ConfigError("robots: an experiment scores one robot, and there are several")
+            raise ConfigError("robots: a table holds one robot, and there are several")
         columns: dict[str, npt.NDArray[Any]] = {
             name: np.array([value or "" for value in column])
             if name == "tracking"
@@ -100,3 +101,17 @@ class Table:
         """Return some of the ticks."""
         columns = {name: column[rows] for name, column in self._columns.items()}
         return Table(columns, self.tick_s)
+
+
+def first_motion(table: Table) -> int | None:
+    """Return the first tick in which the person's pose differs from the initial one."""
+    person = np.stack(table.poses("target"))
+    moved = np.flatnonzero((person != person[:, :1]).any(axis=0))
+    return int(moved[0]) if moved.size and not np.isnan(person[:, 0]).any() else None
+
+
+def deviations(table: Table, standoff: Standoff) -> Floats:
+    """Return `Standoff.errors` of the true robot tick by tick (3, n): distance [m], two angles."""
+    robots, persons = (np.transpose(table.poses(name)).tolist() for name in ("robot", "target"))
+    pairs = zip(map(Pose2D._make, persons), map(Pose2D._make, robots), strict=True)
+    return np.array([standoff.errors(*pair) for pair in pairs]).reshape(-1, 3).T
