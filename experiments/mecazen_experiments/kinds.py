@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from mecazen_experiments.following import FOLLOWING
-from mecazen_experiments.mocap import CAPTURE
 from mecazen_experiments.report import Kind
 from mecazen_experiments.safety import SAFETY
-from mecazen_experiments.table2 import PAPER
 
 KINDS: dict[str, Kind[Any]] = {
     "following": FOLLOWING,
-    "paper": PAPER,
-    "mocap": CAPTURE,
     "safety": SAFETY,
 }

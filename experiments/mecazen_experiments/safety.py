@@ -13,7 +13,7 @@ from mecazen_experiments.jobs import Job
 from mecazen_experiments.report import Kind, Record, Row, regroup
 from mecazen_experiments.safety_scores import Safety, safety
 from mecazen_experiments.statistics import most_per_hour
-from mecazen_experiments.tables import Column, table
+from mecazen_experiments.tables_old import Column, table
 
 CAPTION = (
     "contacts: sums over the runs, those that the robot caused and all; at most: upper limit of "

@@ -81,7 +81,7 @@ def test_without_a_service_the_robot_comes_to_rest_and_with_it_it_follows_again(
 
 def test_a_physics_that_is_back_begins_a_run_in_which_the_robot_follows(running):
     before = running.now()
-    running.stack.bus.call(keys.SIM_PAUSE, Empty())
+    running.stack.call(keys.SIM_PAUSE, Empty())
     running.signal("physics", signal.SIGKILL)
     running.wait(lambda: "physics" not in running.stack.bus.presence.names)
     running.stack.launch("physics")
@@ -89,7 +89,7 @@ def test_a_physics_that_is_back_begins_a_run_in_which_the_robot_follows(running)
     assert running.now().time_ns < 10**9
     assert running.now().seed == before.seed
     running.wait_until_it_follows_again()
-    assert not running.stack.bus.call(keys.SIM_STATE, Empty()).paused
+    assert not running.stack.call(keys.SIM_STATE, Empty()).paused
 
 
 def test_a_target_that_is_back_goes_on_where_the_person_would_be(running):

@@ -71,10 +71,10 @@ def test_under_a_flood_ticks_are_answered_and_memory_does_not_grow(
         running.wait(lambda: sent.value or flood == "quiet")
         spin(SETTLED_S)
         before, puts = running.memory(), sent.value
-        missed = running.bus.call(keys.SIM_STATE, Empty()).missed_deadlines
+        missed = running.call(keys.SIM_STATE, Empty()).missed_deadlines
         answers.latencies_ms.clear()
         spin(window_s)
-        state = running.bus.call(keys.SIM_STATE, Empty())
+        state = running.call(keys.SIM_STATE, Empty())
         rate = (sent.value - puts) / window_s
         running.wait(lambda: len(answers.latencies_ms) > 1)
         growth = {name: now - before[name] for name, now in running.memory().items()}

@@ -56,16 +56,16 @@ def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tic
     running = stack(SCENARIOS / "back.toml", "sim.duration_s=3.0", "sim.mode=lockstep", listed)
     running.launch("physics")
     running.wait(lambda: "physics" in running.bus.presence.names)
-    running.bus.call(keys.SIM_PAUSE, m.Empty())
+    running.call(keys.SIM_PAUSE, m.Empty())
     running.launch(*services[1:])
     begins_s = []
 
     def change():
         try:
-            running.bus.call(keys.SIM_STEP, m.StepRequest(ticks=100), COMMAND_GUARD_S)
-            begins_s.append(set_all(running.bus, FARTHER))
+            running.call(keys.SIM_STEP, m.StepRequest(ticks=100), COMMAND_GUARD_S)
+            begins_s.append(set_all(running, FARTHER))
         finally:
-            running.bus.call(keys.SIM_RESUME, m.Empty())
+            running.call(keys.SIM_RESUME, m.Empty())
 
     changer = threading.Thread(target=change)
     changer.start()

@@ -27,7 +27,7 @@ def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack
     running.start()
     running.watch(trajectory)
     running.wait(lambda: trajectory.complete)
-    assert running.bus.call(keys.SIM_STATE, Empty()).missed_deadlines == 0
+    assert running.call(keys.SIM_STATE, Empty()).missed_deadlines == 0
     lockstep = simulate(load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), "back")[1]
     assert trajectory.rows()[: sim.ticks] == lockstep.rows()
 
@@ -92,7 +92,7 @@ def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_
     assert set(running.supervisor.pids) == {"router", "+".join(parts)}
     zenoh_cli(running, "put", "-k", "cmd_vel", "-v", TWIST)
     running.wait(lambda: odom.message is not None and odom.pose.x > -0.95)
-    assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
+    assert running.call(keys.SIM_STATE, Empty()).tick > 0
 
 
 def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack):
@@ -107,7 +107,7 @@ def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack):
     state = Newest(running.bus, keys.FOLLOWER_STATE)
     running.start()
     running.wait(lambda: len(observed) > 10)
-    first = running.bus.call(keys.SIM_RESET, ResetRequest(seed=99))
+    first = running.call(keys.SIM_RESET, ResetRequest(seed=99))
     assert (first.tick, first.seed) == (0, 99)
     running.wait(lambda: [seed for seed, *_ in observed].count(99) > 5)
     running.wait(lambda: state.stamp is not None and state.stamp.seed == 99)

@@ -125,15 +125,15 @@ def test_at_ten_times_real_time_all_that_is_published_is_recorded(stack, tmp_pat
     )
     running.start()
     # services do not wait for a recorder in real time, so its links may miss the first ticks
-    run = running.bus.call(keys.SIM_RESET, ResetRequest()).run
-    running.wait(lambda: running.bus.call(keys.SIM_STATE, Empty()).tick > 1000)
-    running.bus.call(keys.SIM_PAUSE, Empty())
+    run = running.call(keys.SIM_RESET, ResetRequest()).run
+    running.wait(lambda: running.call(keys.SIM_STATE, Empty()).tick > 1000)
+    running.call(keys.SIM_PAUSE, Empty())
     held: list[tuple[int, float]] = []
 
     def is_recorded() -> bool:
         """Whether the newest tick is recorded; steps again if it lacks a late answer."""
         if not held or time.monotonic() > held[-1][1] + 2.0:
-            state = running.bus.call(keys.SIM_STEP, StepRequest(ticks=20))
+            state = running.call(keys.SIM_STEP, StepRequest(ticks=20))
             held.append((state.clock.ns, time.monotonic()))
         return keys_at(path, run, held[-1][0]) >= EVERY_TICK
 

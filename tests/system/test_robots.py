@@ -76,7 +76,7 @@ def test_in_real_time_each_robot_follows_its_own_person(stack):
     for name, person in persons.items():
         # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off
         assert robots[name].pose.distance(person.pose) == pytest.approx(1.0, abs=0.1)
-    assert running.bus.call(keys.SIM_RESET, ResetRequest(seed=9)).seed == 9
+    assert running.call(keys.SIM_RESET, ResetRequest(seed=9)).seed == 9
     running.wait(lambda: all(of.stamp.seed == 9 for of in (*robots.values(), *persons.values())))
     with closing(ZenohBus(running.scenario.bus, "client")) as tool:
         diagnostics = Diagnostics(tool)
@@ -98,7 +98,7 @@ def test_a_command_in_a_robots_namespace_drives_that_one_alone(stack):
     assert done.returncode == 0, done.stderr
     running.wait(lambda: odom["one"].pose.x > -0.95)
     assert odom["two"].pose.x == pytest.approx(-1.0, abs=1e-3)
-    assert running.bus.call(keys.SIM_STATE, Empty()).tick > 0
+    assert running.call(keys.SIM_STATE, Empty()).tick > 0
     live = mecazen(*tools(running.scenario.bus), "topics", "--live").stdout
     # the row of odom has the rate of each robot, in lines of its own
     row = live[live.index("│ odom") :][: 2 * len(live.splitlines()[0]) + 2]

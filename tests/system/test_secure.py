@@ -377,13 +377,13 @@ def test_forged_stamps_on_the_keys_of_physics_silence_nobody(stack, folder):
 def test_an_operators_tools_work_and_others_are_not_answered(stack, folder):
     running = stack(SCENARIOS / "teleop.toml", *secure(folder))
     running.start()
-    assert running.bus.call(keys.SIM_PAUSE, Empty()).paused
-    assert running.bus.call(keys.SET_ODOMETRY, OdometryRequest()).header.frame_id == "odom"
-    assert "services" in running.bus.call(keys.SIM_SCENARIO, Empty()).data
+    assert running.call(keys.SIM_PAUSE, Empty()).paused
+    assert running.call(keys.SET_ODOMETRY, OdometryRequest()).header.frame_id == "odom"
+    assert "services" in running.call(keys.SIM_SCENARIO, Empty()).data
     with intrude(running, "viewer") as viewer:
         ask(viewer, "sim/resume")
         settle(viewer)
-    assert running.bus.call(keys.SIM_STATE, Empty()).paused
+    assert running.call(keys.SIM_STATE, Empty()).paused
     done = mecazen(*tools(running.scenario.bus), "--tls", folder, "sim", "resume")
     assert json.loads(done.stdout)["paused"] is False, done.stderr
     done = mecazen(*tools(running.scenario.bus), "sim", "pause")

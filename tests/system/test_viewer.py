@@ -70,7 +70,7 @@ class Shown:
 
     def slow_down(self) -> None:
         """Let the run go on so slowly that there is time to draw it in software."""
-        self.running.bus.call(keys.SIM_SPEED, SpeedRequest(speed=0.02))
+        self.running.call(keys.SIM_SPEED, SpeedRequest(speed=0.02))
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -166,7 +166,7 @@ def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(stack, at
     attach.open(shown.uri)
     until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
     before = attach.get_state()
-    shown.running.bus.call(keys.SIM_RESET, ResetRequest(seed=99))
+    shown.running.call(keys.SIM_RESET, ResetRequest(seed=99))
     until_shown(
         attach.take_screenshot,
         lambda _: attach.get_state().active_recording != before.active_recording,
