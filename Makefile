@@ -216,7 +216,7 @@ results-check: .venv/developer
 	@.venv/bin/mecazen bench check $(if $(RELEASE),--release)
 
 bench-peers: .venv/developer gazebo
-	@.venv/bin/mecazen bench run --only peers $(BENCH)
+	@.venv/bin/mecazen bench run --only physics $(BENCH)
 
 gazebo:
 	@dpkg -s $(GAZEBO) >/dev/null 2>&1 || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive \

@@ -190,22 +190,3 @@ def followbench(
         figures=figures,
         films=films,
     )
-
-
-@app.command()
-def validate(
-    recordings: Annotated[
-        Path, Argument(metavar="FOLDER", help="Sessions in OptiOdom's format.", show_default=False)
-    ],
-    file: Annotated[str, Option("--file", metavar="FILE", help=FILE_HELP)] = "validate",
-    out: Annotated[Path, Option(metavar="FOLDER", help="Where to write it.")] = Path("validated"),
-) -> None:
-    """Compare kinematic models and the full simulation with recordings of a real robot.
-
-    Some sessions are for fitting; the drift from motion capture is that on all others.
-
-    Example: mecazen experiment validate examples/optiodom
-    """
-    from mecazen_experiments.identify import commands  # noqa: PLC0415
-
-    commands.validate(file, recordings, out)
