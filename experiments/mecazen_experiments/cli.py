@@ -92,7 +92,7 @@ def run(
         Path | None,
         Option(
             metavar="FOLDER",
-            help="Write the first walk of each row there for gait laboratories: TRC, MOT, C3D.",
+            help="Write the first walk of each row there for gait laboratories: TRC, C3D.",
             show_default="none",
         ),
     ] = None,

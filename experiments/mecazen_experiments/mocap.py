@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mecazen_experiments.capture import capture
-from mecazen_experiments.gait.export import export as write
+from mecazen_experiments.gait.report import export as write
 from mecazen_experiments.jobs import Job, Series
 from mecazen_experiments.quality import (
     MEASURED,
