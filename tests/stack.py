@@ -1,12 +1,14 @@
 """Whole systems as processes, each at a port and a namespace of its own."""
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 from harness import wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
+from mecazen.keys import AnswerT, Call, RequestT
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import ResetRequest
 from mecazen.robots import join_key
@@ -47,9 +49,19 @@ class Stack:
         Services do not wait for this bus, so its links may come after the first ticks.
         """
         self.wait(lambda: trajectory.done)
-        run = self.bus.call(keys.SIM_RESET, ResetRequest(seed=self.scenario.seed)).run
+        run = self.call(keys.SIM_RESET, ResetRequest(seed=self.scenario.seed)).run
         trajectory.reset()
         return run
+
+    def call(
+        self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
+    ) -> AnswerT:
+        """Query a service as tools do, by a client, whose queries all go to the router.
+
+        The bus of a stack is a peer: while its links change, a query may end without an answer.
+        """
+        with closing(ZenohBus(self.scenario.bus, "client")) as tool:
+            return tool.call(call, request, timeout_s)
 
     def launch(self, *services: str, needed: bool = True) -> None:
         """Start services of a single robot, each in a process of its own."""

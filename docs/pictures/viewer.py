@@ -15,10 +15,10 @@ from mecazen.config import Process
 from mecazen.keys import FOLLOWER_STATE, JOINT_STATES
 from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.robot import WHEELS
-from mecazen_experiments.run import observe
-from mecazen_experiments.scores import deviations
 from mecazen_tools.drawing import BLUE, PALETTE, STYLE
+from mecazen_tools.observe import observe
 from mecazen_tools.processes import Supervisor, private_router
+from mecazen_tools.table import deviations
 from mecazen_viewer.rerun_process import free_port, headless_viewer, uri
 from PIL import Image
 from rerun.experimental import ViewerClient

@@ -12,9 +12,8 @@ from mecazen.config import Scenario
 from mecazen.keys import SKELETONS, TARGET_SKELETON
 from mecazen.skeleton import JOINTS
 from mecazen_people.body.posture import sagittal_angles
-
-from mecazen_experiments.run import observe_bodies
-from mecazen_experiments.table import Floats, Poses, Table
+from mecazen_tools.observe import observe_bodies
+from mecazen_tools.table import Floats, Poses, Table
 
 SEEN = 2
 """Confidence of a joint that is in view and not hidden."""

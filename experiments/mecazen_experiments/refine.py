@@ -24,6 +24,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from mecazen.skeleton import INDEX, JOINTS, SIDES
+from mecazen_tools.table import Floats
 from scipy.optimize import least_squares, minimize_scalar
 
 from mecazen_experiments.capture import Motion
@@ -36,7 +37,6 @@ from mecazen_experiments.gait.path import (
     lowpass,
     stride_frequency,
 )
-from mecazen_experiments.table import Floats
 
 CUTOFF_HZ = 6.0
 """Cut-off of joints in a gait; D. A. Winter, Biomechanics and Motor Control of Human Movement."""

@@ -5,77 +5,20 @@ from __future__ import annotations
 import gc
 import re
 import time
-from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TypeVar
 
 import msgspec
-from mecazen.config import Scenario
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import MecazenError
 from mecazen.files import to_value
-from mecazen.keys import SKELETONS, TARGET_SKELETON, Topic
 from mecazen.loading import load_scenario, parse_settings
-from mecazen_tools.simulation import Simulation
+from mecazen_tools.observe import observe
+from mecazen_tools.table import Table
 
 from mecazen_experiments.jobs import Job, check_version
 from mecazen_experiments.report import Kind, Record
-from mecazen_experiments.table import Table
 
 T = TypeVar("T")
-
-Samples = Mapping[str, list[Any]]
-"""All messages on topics so far, by the topics' keys."""
-Drive = Callable[[int, Samples], Mapping[str, bytes]]
-"""Returns the payloads in JSON to publish in a tick, by key, given its number and all samples so
-far."""
-
-
-class Observed(NamedTuple):
-    """A finished run: all ticks, and all samples of some topics."""
-
-    table: Table
-    trajectory_sha256: str
-    """Hash of the trajectory, as in `mecazen simulate --json`."""
-    samples: Samples
-
-
-def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {}) -> Observed:
-    """Simulate a scenario, and keep all samples of some topics.
-
-    Args:
-        scenario: The scenario to simulate.
-        topics: The topics.
-        drive: Returns the payloads to publish in each tick except the last.
-    """
-    with Simulation(scenario) as sim:
-        samples = collect(sim, *topics, drive=drive)
-        sim.trajectory.refuse_incomplete()
-        return Observed(Table.of(sim.trajectory), sim.trajectory.sha256(), samples)
-
-
-def collect(sim: Simulation, *topics: Topic[Any], drive: Drive = lambda *_: {}) -> Samples:
-    """Simulate a whole run, driven as in `observe`; return all samples of some topics."""
-    samples: dict[str, list[Any]] = {topic.key: [] for topic in topics}
-    for topic in topics:
-        sim.bus.subscribe(topic, partial(_keep, samples[topic.key]))
-    sim.reset()  # with the samples of the first tick
-    for tick in range(1, sim.scenario.sim.ticks):
-        for key, payload in drive(tick, samples).items():
-            sim.bus.put_bytes(key, payload)
-        sim.step()
-    return samples
-
-
-def _keep(samples: list[Any], message: Any, _: object) -> None:
-    samples.append(message)
-
-
-def observe_bodies(scenario: Scenario, *topics: Topic[Any]) -> Observed:
-    """Simulate a scenario that has a body tracker; see `observe`."""
-    if "tracker" not in scenario.features:
-        raise ConfigError("no body tracker: this experiment needs sensor.kind = 'body' or 'fused'")
-    return observe(scenario, TARGET_SKELETON, SKELETONS, *topics)
 
 
 def record(kind: Kind[T], job: Job) -> Record[T]:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import SupportsFloat
+from statistics import fmean
+from typing import TYPE_CHECKING, SupportsFloat
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, Standoff
 from mecazen_follower.tracker import TrackingState
+from mecazen_tools.observe import observe
+from mecazen_tools.table import Floats, Poses, Table, deviations, first_motion, wrap
 from mecazen_tools.trajectory import COVARIANCE
 
-from mecazen_experiments.table import Floats, Poses, Table, wrap
+if TYPE_CHECKING:
+    from mecazen_experiments.expansion import Job
 
 SETTLING_S = 5.0
 """Time from the first motion of the person until the robot should have caught up."""
@@ -93,6 +97,20 @@ class Scores(msgspec.Struct, frozen=True):
     settled: Score
 
 
+def following(job: Job) -> dict[str, float | str | None]:
+    """Simulate a job; return its scores, and the hash of its trajectory."""
+    scenario = job.load()
+    observed = observe(scenario)
+    scores = score(observed.table, scenario.follower.standoff)
+    settled = scores.settled
+    return {
+        **msgspec.structs.asdict(scores.whole),
+        "settled_d_err_m": settled.d_err_m,
+        "settled_theta_err_deg": settled.theta_err_deg,
+        "trajectory": observed.trajectory_sha256[:16],
+    }
+
+
 def score(table: Table, standoff: Standoff) -> Scores:
     """Return the measures of a run in which the robot had to keep `standoff`."""
     begin = first_motion(table)
@@ -100,23 +118,6 @@ def score(table: Table, standoff: Standoff) -> Scores:
         return Scores(Score(), Score())
     settled = begin + round(SETTLING_S / table.tick_s)
     return Scores(*(_score(table.where(slice(at, None)), standoff) for at in (begin, settled)))
-
-
-def first_motion(table: Table) -> int | None:
-    """Return the first tick in which the person's pose differs from the initial one."""
-    person = np.stack(table.poses("target"))
-    moved = np.flatnonzero((person != person[:, :1]).any(axis=0))
-    return int(moved[0]) if moved.size and not np.isnan(person[:, 0]).any() else None
-
-
-def deviations(table: Table, standoff: Standoff) -> tuple[Floats, Floats, Floats]:
-    """Return `Standoff.errors` of the true robot tick by tick: distance [m], bearing, yaw [rad]."""
-    seen = table.poses("target").between(table.poses("robot"))
-    return (
-        np.hypot(seen.x, seen.y) - standoff.distance,
-        wrap(np.arctan2(seen.y, seen.x) - standoff.bearing),
-        wrap(seen.yaw - standoff.heading),
-    )
 
 
 def nees(errors: Floats, covariances: Floats) -> Floats:
@@ -220,7 +221,7 @@ def _p95(values: Floats) -> SupportsFloat:
 
 
 MEASURES: dict[str, Callable[[Floats], SupportsFloat]] = {
-    "err": np.mean,
+    "err": fmean,
     "rms": _rms,
     "p95": _p95,
     "max": np.max,

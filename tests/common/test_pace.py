@@ -7,7 +7,8 @@ import pytest
 from harness import wait
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, SimConfig, StartConfig
-from mecazen.runtime.pace import TICKS_APART, Pace, declare_every
+from mecazen.errors import BusError
+from mecazen.runtime.pace import TICKS_APART, Pace, declare_every, serve_every
 from mecazen.runtime.readiness import announce_readiness
 
 PATIENCE_S = 0.2
@@ -48,6 +49,32 @@ def test_the_clock_does_not_wait_for_a_service_that_has_gone(zenoh_pair, pace, c
     wait(zenoh_pair.far, lambda: "two/recorder/every" not in zenoh_pair.far.presence.names)
     pace.keep(TICKS_APART)
     assert not caplog.records
+
+
+class LossyBus(LocalBus):
+    """Every second call ends without an answer, as a peer's may while links change."""
+
+    count = 0
+
+    def call(self, call, request, timeout_s=10.0):
+        self.count += 1
+        if self.count % 2:
+            raise BusError(f"{call.key}: nobody answers")
+        return super().call(call, request, timeout_s)
+
+
+def test_the_clock_asks_a_live_service_again(caplog):
+    bus = LossyBus()
+    declare_every(bus, "recorder")
+    serve_every(bus, "target")
+    bus.declare_alive("target")
+    pace = Pace(bus, PATIENCE_S)
+    pace.keep(TICKS_APART)
+    pace.confirm(["target"])
+    assert bus.count == 4
+    assert not caplog.records
+    with pytest.raises(BusError, match="follower/every: nobody answers"):
+        pace.confirm(["follower"])
 
 
 @pytest.mark.parametrize(

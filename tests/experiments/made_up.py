@@ -11,7 +11,7 @@ from mecazen_experiments.following import FOLLOWING
 from mecazen_experiments.jobs import Job, Key, Series
 from mecazen_experiments.report import Record, summarise
 from mecazen_experiments.scores import Score, Scores, score
-from mecazen_experiments.table import Poses, Table
+from mecazen_tools.table import Poses, Table
 from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE, TWIST
 from rich.console import Console
 

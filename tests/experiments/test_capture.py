@@ -10,7 +10,7 @@ from mecazen.keys import SKELETONS, TARGET_SKELETON
 from mecazen.skeleton import ANGLES, JOINTS
 from mecazen_experiments import capture as module
 from mecazen_experiments.capture import Capture, angles, capture
-from mecazen_experiments.run import Observed
+from mecazen_tools.observe import Observed
 from people import body
 
 

@@ -10,8 +10,8 @@ from harness import SCENARIOS
 from mecazen.geometry import Standoff
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.scores import Score, Scores, nees, score
-from mecazen_experiments.table import Poses, Table, wrap
 from mecazen_tools.simulate import simulate
+from mecazen_tools.table import Poses, Table, wrap
 from scipy import stats
 
 SIDE_LEFT = Standoff(1.0, math.pi / 2, -math.pi / 2)

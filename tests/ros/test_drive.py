@@ -80,10 +80,10 @@ def test_simulation_interfaces_answer_the_sdk(running, peer, prefix):
 
     # PAUSED, and PLAYING
     assert call("SetSimulationState", "set_simulation_state", state={"state": 2}) == 1
-    paused = running.bus.call(keys.SIM_STATE, Empty())
+    paused = running.call(keys.SIM_STATE, Empty())
     assert paused.paused
     assert call("StepSimulation", "step_simulation", steps=7) == 1
-    assert running.bus.call(keys.SIM_STATE, Empty()).tick == paused.tick + 7
+    assert running.call(keys.SIM_STATE, Empty()).tick == paused.tick + 7
     assert call("SetSimulationState", "set_simulation_state", state={"state": 1}) == 1
     # while it runs, zero steps, and values that are unknown: each gets a response
     assert call("StepSimulation", "step_simulation", steps=3) == 4
@@ -102,7 +102,7 @@ def test_a_response_repeats_number_and_identity_of_the_request(running, node, pr
         response = cdr.decode(reply.payload, message(f"{TRIGGER}_Response"))
         assert response.success
         assert response.message.startswith("tick ")
-        assert running.bus.call(keys.SIM_STATE, Empty()).paused == is_paused
+        assert running.call(keys.SIM_STATE, Empty()).paused == is_paused
 
 
 def test_the_owner_of_time_answers_for_the_parameters_of_a_node(node, prefix):

@@ -34,7 +34,7 @@ def test_a_run_that_ros_drives_is_computed_again(up, raw_node, tmp_path):
     node = raw_node(running.endpoint)
     node.subscribe("0/**")  # so that all is published in ROS as well
     key = node.key_of("MS", f"/{running.scenario.bus.namespace}/cmd_vel", "/Twist")
-    running.bus.call(keys.SIM_PAUSE, Empty())
+    running.call(keys.SIM_PAUSE, Empty())
     for speed in (0.0, -0.25, -0.5):
 
         def is_recorded(speed: float = speed) -> bool:
@@ -42,7 +42,7 @@ def test_a_run_that_ros_drives_is_computed_again(up, raw_node, tmp_path):
             return commands(path)[-1:] == [speed]
 
         running.wait(is_recorded)
-        running.bus.call(keys.SIM_STEP, StepRequest(ticks=TICKS))
+        running.call(keys.SIM_STEP, StepRequest(ticks=TICKS))
     running.supervisor.stop()
     samples = list(Recording(path).samples())
     assert not [sample.key for sample in samples if "dds_" in sample.key]

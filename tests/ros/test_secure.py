@@ -64,7 +64,7 @@ def test_the_operator_drives(running, node_of, prefix, commands):
     running.wait(lambda: operator.put(key, TWIST) or commands)
     assert commands[0].linear.x == -0.2
     assert operator.call(operator.key_of("SS", f"{prefix}/sim/pause"), EMPTY)
-    assert running.bus.call(keys.SIM_STATE, Empty()).paused
+    assert running.call(keys.SIM_STATE, Empty()).paused
     assert operator.call(operator.key_of("SS", f"{prefix}/sim/resume"), EMPTY)
 
 
@@ -79,5 +79,5 @@ def test_no_other_client_drives_or_stops_the_simulation(running, node_of, prefix
         assert intruder.call(intruder.key_of("SS", f"{prefix}/{service}"), EMPTY, timeout=0.3) == []
     # what any client may ask comes after all that on the same link
     assert intruder.call(intruder.key_of("SS", f"{prefix}/get_simulation_state"), EMPTY)
-    assert not running.bus.call(keys.SIM_STATE, Empty()).paused
+    assert not running.call(keys.SIM_STATE, Empty()).paused
     assert commands == []

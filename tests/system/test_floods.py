@@ -31,6 +31,9 @@ FLOODS = {
 }
 """Keys, payload, and rate [Hz], None for as fast as the bus takes it."""
 
+SHORT = ("cmd_vel", False), ("every key", True)
+"""Floods, each with or without access control, that `make test` sends."""
+
 
 class Answers:
     """Measures the time from each tick's clock to its joint command [ms]."""
@@ -56,6 +59,8 @@ class Answers:
 def test_under_a_flood_ticks_are_answered_and_memory_does_not_grow(
     stack, access_control, scale, secured, flood
 ):
+    if scale == 1 and (flood, secured) not in SHORT:
+        pytest.skip("with --scale 2 or more")
     running = stack(SCENARIOS / "back.toml", *(access_control if secured else ()))
     answers = Answers(running.bus)
     running.start()
@@ -71,10 +76,10 @@ def test_under_a_flood_ticks_are_answered_and_memory_does_not_grow(
         running.wait(lambda: sent.value or flood == "quiet")
         spin(SETTLED_S)
         before, puts = running.memory(), sent.value
-        missed = running.bus.call(keys.SIM_STATE, Empty()).missed_deadlines
+        missed = running.call(keys.SIM_STATE, Empty()).missed_deadlines
         answers.latencies_ms.clear()
         spin(window_s)
-        state = running.bus.call(keys.SIM_STATE, Empty())
+        state = running.call(keys.SIM_STATE, Empty())
         rate = (sent.value - puts) / window_s
         running.wait(lambda: len(answers.latencies_ms) > 1)
         growth = {name: now - before[name] for name, now in running.memory().items()}

@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable
 from itertools import chain, dropwhile, pairwise, product
+from statistics import fmean
 from typing import Any, cast
 
 import msgspec
@@ -16,7 +17,7 @@ from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.config.world import Box, Cylinder
 from mecazen.errors import MecazenError
-from mecazen.geometry import Pose2D, overlap, wrap
+from mecazen.geometry import Pose2D, overlap
 from mecazen.keys import Topic
 from mecazen.messages import FollowerState, Message, Odometry, Twist, planar_covariance
 from mecazen.programs import graph_of
@@ -205,9 +206,11 @@ class Trajectory:
         pairs = list(dropwhile(lambda pair: pair[1] == pairs[0][1], pairs))
         if not pairs:
             return Scores(d_err_m=None, theta_err_deg=None)
-        distances = math.fsum(abs(r.distance(p) - standoff.distance) for r, p in pairs)
-        headings = math.fsum(abs(wrap(r.yaw - p.yaw - standoff.heading)) for r, p in pairs)
-        return Scores(distances / len(pairs), math.degrees(headings / len(pairs)))
+        errors = [standoff.errors(person, robot) for robot, person in pairs]
+        return Scores(
+            fmean(abs(error.distance) for error in errors),
+            math.degrees(fmean(abs(error.yaw) for error in errors)),
+        )
 
     def contacts(self, robot: str = "") -> Contacts:
         """Return the contacts so far of a robot, by default the first of several."""

@@ -8,6 +8,7 @@ queue the samples of that many ticks.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Iterable
 
 from mecazen.bus import Bus
@@ -63,10 +64,9 @@ class Pace:
         for name in sorted(n for n in self._bus.presence.names if n.endswith(f"/{EVERY}")):
             timeout_s = SILENT_S if name in self._silent else self._patience_s
             try:
-                self._bus.call(_call(name), Empty(), timeout_s)
+                self._ask(name, name, timeout_s)
                 self._silent.discard(name)
             except BusError:
-                self._bus.drain()  # it may just have gone
                 if name in self._bus.presence.names - self._silent:
                     self._silent.add(name)
                     service = name.removesuffix(f"/{EVERY}")
@@ -80,4 +80,19 @@ class Pace:
             BusError: A service does not answer.
         """
         for name in names:
-            self._bus.call(_call(f"{name}/{EVERY}"), Empty(), self._patience_s)
+            self._ask(f"{name}/{EVERY}", name, self._patience_s)
+
+    def _ask(self, key: str, token: str, timeout_s: float) -> None:
+        """Query a service, again if it is alive: a peer's query may end while links change."""
+        end_s = time.monotonic() + timeout_s
+        left_s = timeout_s
+        while True:
+            try:
+                self._bus.call(_call(key), Empty(), left_s)
+            except BusError:
+                self._bus.drain()  # it may just have gone
+                left_s = end_s - time.monotonic()
+                if token not in self._bus.presence.names or left_s <= 0.0:
+                    raise
+            else:
+                return

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, arctan2
+from mecazen_tools.table import wrap
 
 from mecazen_experiments.followbench.play import Record
 from mecazen_experiments.followbench.unicycle import HALF, PERSON_RADIUS, gaps
@@ -24,7 +25,6 @@ from mecazen_experiments.statistics import (
     paired_difference,
     paired_share_difference,
 )
-from mecazen_experiments.table import wrap
 
 RADII_M = math.hypot(*HALF) + PERSON_RADIUS
 """Sum of the radius of the circle around the robot's outline and the radius of a person [m]."""

@@ -6,14 +6,15 @@ import msgspec
 import numpy as np
 from mecazen.config import Scenario
 from mecazen.skeleton import INDEX
+from mecazen_tools.observe import Watched
+from mecazen_tools.table import Poses
 
-from mecazen_experiments.capture import Motion
+from mecazen_experiments.capture import Motion, motion_of
 from mecazen_experiments.gait.path import PATH_HZ, lowpass
 from mecazen_experiments.gait.stages import seen_stages, true_stage
-from mecazen_experiments.safety import COLUMNS as SAFETY_COLUMNS
-from mecazen_experiments.safety_scores import Safety, safety
-from mecazen_experiments.tables import Column
-from mecazen_experiments.watch import Watched
+from mecazen_experiments.safety_old import COLUMNS as SAFETY_COLUMNS
+from mecazen_experiments.safety_old import Safety, safety
+from mecazen_experiments.tables_old import Column
 
 WALKS_M_S = 0.5
 """Speed below which a person has stopped: strides are measured in the longest walk without a
@@ -37,7 +38,11 @@ class OwnRun(Safety, frozen=True):
 
 def own_run(seen: Watched, scenario: Scenario) -> OwnRun:
     """Return the measures of a run."""
-    seconds, metres = stride_errors(seen)
+    odom = seen.table.poses("odom")
+    joints = motion_of(seen.frames)
+    placed = joints.placed(Poses(*(column[seen.table.ticks(joints.t)] for column in odom)))
+    truth = motion_of([(body.header, body) for body in seen.bodies])
+    seconds, metres = stride_errors(truth, placed)
     return OwnRun(
         **msgspec.structs.asdict(safety(seen, scenario)),
         stride_time_err_ms=None if seconds is None else 1e3 * seconds,
@@ -45,11 +50,11 @@ def own_run(seen: Watched, scenario: Scenario) -> OwnRun:
     )
 
 
-def stride_errors(seen: Watched) -> tuple[float | None, float | None]:
+def stride_errors(truth: Motion, seen: Motion) -> tuple[float | None, float | None]:
     """Return the errors of the mean stride time [s] and length [m] in the longest walk."""
-    begin, end = longest_walk(seen.truth)
+    begin, end = longest_walk(truth)
     truth, found = (
-        motion.where((motion.t >= begin) & (motion.t <= end)) for motion in (seen.truth, seen.seen)
+        motion.where((motion.t >= begin) & (motion.t <= end)) for motion in (truth, seen)
     )
     if len(found.t) < LEAST_FRAMES:
         return None, None

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from mecazen.portable import Floats
 from mecazen.skeleton import JOINTS
 
@@ -66,7 +65,7 @@ def write_c3d(file: Path, t: Floats, joints: Floats, events: Events | None) -> N
     points = content["parameters"]["POINT"]
     points["LABELS"]["value"], points["DESCRIPTIONS"]["value"] = list(MARKERS), list(JOINTS)
     points["UNITS"]["value"], points["RATE"]["value"] = ["mm"], [1.0 / float(np.mean(np.diff(t)))]
-    missing: npt.NDArray[np.bool_] = np.isnan(joints).any(axis=-1)
+    missing = np.any(np.isnan(joints), axis=-1)
     places = 1e3 * np.where(missing[..., None], 0.0, joints)
     content["data"]["points"] = np.concatenate((places.T, np.ones((1, *missing.T.shape))))
     content["data"]["meta_points"]["residuals"] = np.where(missing.T, -1.0, 0.0)[np.newaxis]

@@ -21,7 +21,7 @@ from mecazen_experiments.gait.parameters import Gait, Stride, strides, summary
 from mecazen_experiments.gait.path import PATH_HZ, about_path, lowpass
 from mecazen_experiments.gait.rhythm import rhythm
 from mecazen_experiments.refine import refine, smooth
-from mecazen_experiments.table import Poses
+from mecazen_tools.table import Poses
 
 LEGS = [[INDEX[f"{s}_{name}"] for name in ("knee", "ankle", "heel", "foot")] for s in SIDES]
 """Joints that a leg's strides need."""

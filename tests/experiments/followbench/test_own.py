@@ -11,7 +11,7 @@ from mecazen_experiments.followbench.episodes import Density
 from mecazen_experiments.followbench.generate import generate
 from mecazen_experiments.followbench.own import longest_walk, own_run
 from mecazen_experiments.followbench.scenario import scenario_of
-from mecazen_experiments.watch import watch
+from mecazen_tools.observe import watch
 
 STEP_S = 0.02
 

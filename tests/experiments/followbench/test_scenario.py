@@ -8,8 +8,8 @@ from mecazen.geometry import Pose2D
 from mecazen_experiments.followbench.episodes import Density
 from mecazen_experiments.followbench.generate import generate, tracks
 from mecazen_experiments.followbench.scenario import scenario_of
-from mecazen_experiments.safety_scores import safety
-from mecazen_experiments.watch import watch
+from mecazen_experiments.safety_old import safety
+from mecazen_tools.observe import watch
 
 EPISODE = generate("Parallel", "back", Density(5), 1)
 
@@ -22,7 +22,7 @@ def test_the_same_episode_is_a_scenario_with_our_robot():
         scenario, sim=msgspec.structs.replace(scenario.sim, duration_s=1.0)
     )
     seen = watch(short)
-    assert len(seen.others) == len(EPISODE.humans)
+    assert len(seen.pedestrians) == len(EPISODE.humans)
     assert not safety(seen, short).contacts_person_all
 
 
