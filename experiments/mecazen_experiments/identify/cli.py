@@ -7,8 +7,6 @@ from typing import Annotated
 
 import msgspec
 import typer
-from mecazen.config import ControllerConfig
-from mecazen.errors import ConfigError
 from mecazen.loading import given_file, load_table
 from mecazen.robot import Robot
 from typer import Argument, Option
@@ -18,13 +16,13 @@ from typer import Argument, Option
 
 def identify(
     sources: Annotated[
-        list[Path] | None,
+        list[Path],
         Argument(
             metavar="FILE…",
             help="Recordings (MCAP), CSV files, or folders of sessions.",
             show_default=False,
         ),
-    ] = None,
+    ],
     robot: Annotated[
         str, Option(metavar="ROBOT", help="The robot file from which a fit begins.")
     ] = "nexus",
@@ -39,10 +37,6 @@ def identify(
             help="Fit to every second session, and report the drift on all others.",
         ),
     ] = False,
-    plan: Annotated[
-        Path | None,
-        Option(metavar="FILE.csv", help="Write the excitation, and no more.", show_default=False),
-    ] = None,
 ) -> None:
     """Identify a robot's kinematics and motors; write a report and a robot file.
 
@@ -62,11 +56,6 @@ def identify(
     from mecazen_experiments.identify.simulate import identified_robot  # noqa: PLC0415
     from mecazen_experiments.identify.validate import validate as validated  # noqa: PLC0415
 
-    if plan is not None:
-        files.write(plan, motors.plan_csv(motors.plan(ControllerConfig())).encode(), "--plan")
-        return
-    if not sources:
-        raise ConfigError("identify needs recordings, or --plan FILE.csv")
     base = load_table(given_file(robot, "robot"), Robot)
     runs, logs = data.read(sources)
     files.make_folder(out, "--out")
