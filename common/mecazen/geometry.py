@@ -8,6 +8,11 @@ from typing import NamedTuple
 
 from mecazen.errors import RefusedError
 
+JUMP = 0.5
+"""The least change of a pose that counts as a jump [m, rad]."""
+MAX_SPEED = 10.0
+"""Speed above which a change of a pose counts as a jump [m/s, rad/s]: no robot is as fast."""
+
 
 def wrap(angle: float) -> float:
     """Return `angle` [rad] brought into (-pi, pi].
@@ -79,6 +84,18 @@ def rotate(x: float, y: float, yaw: float) -> tuple[float, float]:
     """Return the vector (x, y) turned by `yaw` [rad]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return c * x - s * y, s * x + c * y
+
+
+def jumped(last: Pose2D, pose: Pose2D, dt: float) -> bool:
+    """Return whether a robot can't have moved from one pose to the next in `dt` [s].
+
+    Then the odometry was set or restarted, and places in odom from before are elsewhere now.
+
+    >>> jumped(Pose2D(), Pose2D(1.0), 0.01), jumped(Pose2D(), Pose2D(1.0), 0.2)
+    (True, False)
+    """
+    limit = max(JUMP, MAX_SPEED * dt)
+    return last.distance(pose) > limit or abs(wrap(pose.yaw - last.yaw)) > limit
 
 
 def overlap(a: Pose2D, half_a: tuple[float, float], b: Pose2D, half_b: tuple[float, float]) -> bool:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, NodeError, RefusedError, explaining
 from mecazen.graph import Graph
-from mecazen.keys import CLOCK, PEOPLE, TARGET_ODOM, Topic, of_robot
+from mecazen.keys import CLOCK, Topic, of_robot
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Outputs, Tick
@@ -168,8 +168,7 @@ class Turn:
         """The node, if it is in this process."""
         self.is_user = row.name in scenario.programs
         """Whether a user's class computes it."""
-        self.is_checked = self.is_user or not {PEOPLE, TARGET_ODOM}.isdisjoint(row.outputs)
-        """Whether its numbers are the user's: those of a user's class, or of configured persons."""
+        self.is_checked = self.is_user or row.checks_outputs
         self.remote: tuple[Slot, ...] = ()
         """The slots that other processes fill."""
         self.puts: dict[Topic[Any], Callable[[Message, Stamp], None]] = {}

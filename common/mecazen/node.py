@@ -163,4 +163,9 @@ class Node(ABC):
         return {}
 
     def close(self) -> None:  # noqa: B027  # most have nothing to do
-        """Release resources; called once after `reset`, also if another node fails to start."""
+        """Release resources, such as files and devices.
+
+        Called once after `reset`, also if another node fails to start. The bus may be gone, so no
+        output is left to publish. If it raises, the other nodes are closed first, then the process
+        exits with the error.
+        """

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from mecazen.geometry import Pose2D
 from mecazen.schema import AngleDeg, Length, Mass, NonNegative, Positive, Section, WheelRadius
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -105,6 +106,11 @@ class Attachment(Section):
     """A box: length, width, height. A cylinder: radius, height."""
     position_m: tuple[Position, Position, Position]
     mass_kg: Mass
+
+    @property
+    def pose(self) -> Pose2D:
+        """The pose of the housing in base_link, without its height."""
+        return Pose2D(self.position_m[0], self.position_m[1])
 
 
 class CameraMount(Attachment):

@@ -16,6 +16,9 @@ from mecazen.ticks import ROUNDING_S
 
 NO_LENGTHS = ControllerConfig()
 """A configuration that leaves the lengths to the robot file."""
+PLAUSIBLE_SPEED = 1.5
+"""Highest plausible speed of a wheel, as a multiple of its maximum speed. A faster change of an
+angle is a jump: a damaged number, or a counter that wrapped or started again."""
 
 
 class WheelSpeeds(NamedTuple):

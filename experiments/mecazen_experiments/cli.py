@@ -98,35 +98,10 @@ def run(
         study,
         seeds=seeds,
         walks=walks,
-        settings=settings or (),
+        set=settings or (),
         sweep=sweep or (),
         only=only or (),
     )
-
-
-@app.command()
-def fuzz(
-    hours: Annotated[float, Option(min=0.01, max=10000, help="Simulated time.")] = 0.2,
-    seed: Annotated[int, Option(min=0, help="Seed of the first minute; each has the next.")] = 1,
-    physics: Annotated[bool, Option("--physics", help="In DART, not in a plane.")] = False,
-    follower: Annotated[bool, Option("--follower", help="A follower drives, not chance.")] = False,
-    freezes: Annotated[bool, Option("--freezes", help="Services freeze now and then.")] = False,
-    jobs: Jobs = None,
-    scheduler: Scheduler = None,
-    store: Store = STORE,
-    json: Json = None,
-) -> None:
-    """Drive a guarded robot at random among things and a person, and count what it touches.
-
-    Each simulated minute is another room. It fails if the robot touches an obstacle or
-    drives at the person when they touch.
-    Finished minutes are kept: after Ctrl-C the same command continues from there.
-    """
-    from mecazen_experiments import commands_old as commands  # noqa: PLC0415
-
-    minutes = range(seed, seed + max(1, round(hours * 60.0)))
-    options = commands.Options(jobs, scheduler, store, json)
-    commands.fuzz(options, minutes, physics=physics, follower=follower, freezes=freezes)
 
 
 @app.command()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
@@ -12,7 +11,6 @@ from typing import Any, NamedTuple, TypeVar
 import msgspec
 import typer
 from mecazen.errors import ConfigError, MecazenError
-from mecazen.loading import named_file
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
 from rich.console import Console
@@ -21,7 +19,6 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from mecazen_experiments import fuzz as fuzzing
 from mecazen_experiments import report
 from mecazen_experiments.executor import (
     Progress,
@@ -103,37 +100,6 @@ class Session(NamedTuple):
         """Raise the errors of the runs that failed, after the others are reported."""
         if self.failed:
             raise MecazenError("\nerror: ".join(map(str, self.failed)))
-
-
-def fuzz(
-    options: Options, seeds: Sequence[int], *, physics: bool, follower: bool, freezes: bool
-) -> None:
-    """Drive at random for one minute per seed; print and write the contacts.
-
-    A line reports the results so far each minute, and at the end, even after an error.
-    """
-    settings = fuzzing.ROLLERS * physics + fuzzing.FOLLOWED * follower
-    kind = fuzzing.FREEZES if freezes else fuzzing.EPISODE
-    jobs = fuzzing.jobs(seeds, named_file("nexus", "robot"), settings)
-    keys = [job.key for job in jobs]
-    with _session(options, "minutes") as session:
-        store, told = session.store, time.monotonic()
-
-        def tell(done: int, total: int) -> None:
-            nonlocal told
-            session.progress(done, total)
-            if time.monotonic() - told >= TELL_S:
-                told = time.monotonic()
-                typer.echo(fuzzing.tell(store.find(kind, keys).values()))
-
-        try:
-            run_all(kind, jobs, store, session.workers, tell)
-        finally:
-            done = [*store.find(kind, keys).values()]
-            typer.echo(fuzzing.tell(done))
-            _write(options, {"minutes": done})
-    if any(one.scores.contacts for one in done):
-        raise MecazenError("the robot has caused a contact")
 
 
 def followbench(

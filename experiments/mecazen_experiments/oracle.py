@@ -69,9 +69,9 @@ class OracleFollower(Node):
         seen = odom.compose(robot.between(person))
         planner, scan = self._following.planner, inputs.get(SCAN)
         if planner is not None and scan is not None:
-            x, y, _ = self.scenario.robot.lidar.position_m
+            lidar = odom.compose(self.scenario.robot.lidar.pose)
             # lockstep brings a scan in the tick in which it is taken
-            planner.see(tick.time_ns / NS_PER_S, scan, odom.compose(Pose2D(x, y)))
+            planner.see(tick.time_ns / NS_PER_S, scan, lidar)
         twist = inputs[TARGET_ODOM].twist.twist.to_planar()
         velocity = Twist2D(*rotate(twist.x, twist.y, seen.yaw), twist.yaw)
         self._truth.estimate = Estimate(seen, velocity, CERTAIN)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from mecazen_experiments import quality, scores
+from mecazen_experiments import fuzz, quality, safety, scores
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
@@ -18,6 +18,8 @@ Value = bool | int | float | str | None
 
 PROGRAMS: dict[str, Callable[[Job], Mapping[str, Value]]] = {
     "following": scores.following,
+    "fuzz": fuzz.fuzz,
     "mocap": quality.mocap,
+    "safety": safety.safety,
 }
 """The programs by their names in studies."""

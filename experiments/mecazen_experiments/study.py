@@ -32,7 +32,10 @@ class Case(Section):
 
     name: Name
     scenario: Path | None = None
-    """The scenario's name, or its file, relative to the study's file; some programs need none."""
+    """The scenario's name, or its file, relative to the study's file; the study's by default.
+
+    Some programs need none.
+    """
     settings: Settings = msgspec.field(name="set", default=())
     labels: dict[Name, str] = msgspec.field(default_factory=dict)
     """Further columns of the frame, such as a view; empty where a case has none."""
@@ -143,6 +146,8 @@ class Study(Section):
     """Number of seeds."""
     first_seed: Seed = 1
     """First seed; the others are consecutive."""
+    scenario: Path | None = None
+    """The scenario of cases that name none."""
     settings: Settings = msgspec.field(name="set", default=())
     """Settings of all cases."""
     named: dict[Name, Settings] = msgspec.field(default_factory=dict)
@@ -231,6 +236,12 @@ def load_study(path: Path) -> Study:
                 table[key] = located(table[key])
 
     study = load_table(path, Study, prepare)
+    if study.scenario is not None:
+        cases = (
+            case if case.scenario else msgspec.structs.replace(case, scenario=study.scenario)
+            for case in study.cases
+        )
+        study = msgspec.structs.replace(study, cases=tuple(cases))
     if study.files:
         study = msgspec.structs.replace(study, files=str(path.parent.resolve() / study.files))
     return study

@@ -274,6 +274,22 @@ def test_a_failing_start_closes_the_nodes_that_have_begun(scenario):
     assert closed == [scenario.seed]
 
 
+def test_a_failing_close_leaves_no_node_open(scenario):
+    closed = []
+
+    class Open(Toy):
+        def close(self):
+            closed.append(self)
+            fail()
+
+    kinds = {"odometry": Open, "controller": Open}
+    host = Host([("controller", "")], LocalBus(), scenario, kinds)
+    with pytest.raises(ZeroDivisionError):
+        host.close()
+    host.close()  # once only
+    assert closed == [turn.running for turn in host.loop.turns]
+
+
 def test_a_part_belongs_to_a_robot_unless_all_robots_share_it(write_scenario):
     text = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
     scenario = load_scenario(write_scenario(text))

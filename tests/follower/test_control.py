@@ -33,7 +33,7 @@ def make(standoff=BACK, max_speed=2.0, max_yaw_rate=3.0):
     law = PolarControl(
         heading_gain_1_s=4.0, max_speed_m_s=max_speed, max_yaw_rate_rad_s=max_yaw_rate
     )
-    return PolarController(standoff, law)
+    return PolarController(standoff, law, Drive())
 
 
 def follow(controller, robot, seconds, walk=STILL, standoff=BACK, acceleration=math.inf):

@@ -10,6 +10,7 @@ import pytest
 from follower.rooms import DRIVE
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.config.follower import PidControl, PolarControl
+from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_follower.association import Measurement
 from mecazen_follower.control import ALL_AROUND, FieldOfView
@@ -109,7 +110,7 @@ def follow(
         data_sheet: What the follower knows of the sensor.
     """
     rng, respond = random.Random(1), robot or lagging()
-    following = Following(config, data_sheet)
+    following = Following(config, data_sheet, Drive())
     person = Pose2D()
     pose = config.standoff.goal(person)
     frames = deque([None] * round(sensor_delay / DT))

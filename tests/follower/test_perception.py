@@ -11,14 +11,15 @@ from mecazen.keys import SCAN, SKELETONS
 from mecazen.loading import load_scenario
 from mecazen.messages import Header, LaserScan, Point, Skeleton, Skeletons
 from mecazen.node import Inputs, Tick
+from mecazen.scan import clusters, ranges_of
 from mecazen.skeleton import JOINTS
 from mecazen_follower.association import NO_HEADING
 from mecazen_follower.perception import (
+    GAP_M,
     PAIR_STD_M,
     SINGLE_STD_M,
     BodyNode,
     LegsNode,
-    clusters_of,
     persons,
     pose_of,
 )
@@ -97,6 +98,10 @@ def test_noise_of_the_joints_is_no_more_than_the_covariance_says():
         errors.append(error**2 / np.diag(covariance))
     # white noise alone is less than what lasts for many frames, for which there is room
     assert (np.mean(errors, axis=0) < 1.0).all()
+
+
+def clusters_of(scan):
+    return clusters(scan, ranges_of(scan), GAP_M)
 
 
 def scan_of(circles, walls=(), std=0.0):

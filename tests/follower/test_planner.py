@@ -1,4 +1,4 @@
-"""The planner: the way it takes in a flat world, and what it says of it."""
+"""The planner in a flat world: the paths that the robot takes, and the states that it reports."""
 
 import math
 from collections import deque
@@ -6,68 +6,90 @@ from collections import deque
 import numpy as np
 import pytest
 from follower.rooms import BODY, DRIVE, TICK, follow, legs, planner_of, scan, standing, wall
+from harness import SCENARIOS
 from mecazen.config import SensorConfig
 from mecazen.config.follower import PidControl
 from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_follower.association import Measurement
 from mecazen_follower.following import Following
+from mecazen_follower.node import make_planner
 from mecazen_follower.planner.surroundings import MEMORY_S, LocalMap
 from mecazen_follower.tracker import Frame
+from msgspec.structs import replace
 
 ORIGIN = Pose2D()
 SURE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))
+NO_RETURN = 13.0
+PILLAR = 0.4, 0.25, 0.1
+"""In the way of a robot at the origin."""
 
 
-def test_the_map_has_pillars_and_walls_and_no_legs():
-    around = LocalMap()
-    person = Pose2D(1.5, 0.0)
-    around.see(0.0, scan(ORIGIN, [*legs(1.5, 0.0), (1.0, 1.5, 0.15)]), ORIGIN, person)
-    points = around.standing(ORIGIN)
+def test_the_map_keeps_objects_and_drops_legs():
+    local_map, person = LocalMap(), Pose2D(1.5, 0.0)
+    local_map.see(0.0, scan(ORIGIN, [*legs(1.5, 0.0), (1.0, 1.5, 0.15)]), ORIGIN, person)
+    points = local_map.standing(ORIGIN)
     assert len(points) >= 2
     assert np.hypot(*(points - (1.0, 1.5)).T) == pytest.approx(0.15, abs=1e-3)
-    # a wall as near is not taken for a leg
-    around.see(0.1, scan(ORIGIN, wall(0.5, 2.5, 0.3)), ORIGIN, person)
-    assert len(around.standing(ORIGIN)) > 10  # of 2 m, a point each 10 cm; aslant less
+    # a wall as near as the legs is kept
+    local_map.see(0.1, scan(ORIGIN, wall(0.5, 2.5, 0.3)), ORIGIN, person)
+    assert len(local_map.standing(ORIGIN)) > 10  # of 2 m, a point each 10 cm; aslant less
 
 
 def test_hidden_points_are_remembered_for_a_while():
     pillar, removed, screen = (2.0, 0.0, 0.1), (0.0, 2.0, 0.1), (1.0, 0.0, 0.2)
-    away = Pose2D(-5.0, 0.0)
-    around = LocalMap()
+    local_map, away = LocalMap(), Pose2D(-5.0, 0.0)
 
-    def near(place):
-        gaps = np.hypot(*(around.standing(ORIGIN) - place[:2]).T)
+    def has(circle):
+        gaps = np.hypot(*(local_map.standing(ORIGIN) - circle[:2]).T)
         return bool((gaps < 0.15).any())
 
-    around.see(0.0, scan(ORIGIN, [pillar, removed]), ORIGIN, away)
-    around.see(0.1, scan(ORIGIN, [screen]), ORIGIN, away)
-    assert near(pillar)
-    assert not near(removed)
-    around.see(MEMORY_S + 0.1, scan(ORIGIN, [screen]), ORIGIN, away)
-    assert not near(pillar)
+    local_map.see(0.0, scan(ORIGIN, [pillar, removed]), ORIGIN, away)
+    local_map.see(0.1, scan(ORIGIN, [screen]), ORIGIN, away)
+    assert (has(pillar), has(removed)) == (True, False)
+    local_map.see(MEMORY_S + 0.1, scan(ORIGIN, [screen]), ORIGIN, away)
+    assert not has(pillar)
+
+
+@pytest.mark.parametrize(
+    ("services", "state"),
+    [(["hardware", "controller"], "open"), (["physics", "controller"], "avoiding")],
+)
+def test_0_is_no_return_of_a_real_lidar(services, state):
+    settings = f"services={services}", 'sensor.also=["lidar"]', "follower.planner={samples=100}"
+    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
+    planner, person = make_planner(scenario, scenario.sensor, 1), standing((1.0, 0.0, 0.0))
+    planner.command(0.0, TICK, person, ORIGIN, Twist2D())
+    planner.see(0.0, scan(ORIGIN, [PILLAR, *legs(1.0, 0.0)]), ORIGIN)
+    planner.command(0.2, TICK, person, ORIGIN, Twist2D())
+    assert planner.plan.state == "avoiding"
+    free = scan(ORIGIN, legs(1.0, 0.0))
+    ranges = tuple(0.0 if value == NO_RETURN else value for value in free.ranges)
+    planner.see(0.3, replace(free, ranges=ranges), ORIGIN)
+    planner.command(0.4, TICK, person, ORIGIN, Twist2D())
+    assert planner.plan.state == state
 
 
 @pytest.mark.parametrize("control", [None, PidControl()])
-def test_with_nobody_near_but_the_person_the_command_is_the_laws_own(control):
-    config, planner = planner_of({"control": control} if control else None)
+def test_in_open_space_the_command_is_unchanged(control):
+    _, planner = planner_of({"control": control} if control else None)
     person = standing((1.0, 0.0, 0.0), (0.5, 0.0))
     nominal = Twist2D(0.123456789, -0.2, 0.3)
     for tick in range(30):
-        now = 0.05 * tick
         if tick % 2 == 0:
-            planner.see(now, scan(ORIGIN, [*legs(1.0, 0.0), (0.0, 3.5, 0.1)]), ORIGIN)
-        assert planner.command(now, 0.05, person, ORIGIN, nominal) is nominal
+            circles = [*legs(1.0, 0.0), (0.0, 3.5, 0.1)]
+            planner.see(TICK * tick, scan(ORIGIN, circles), ORIGIN)
+        assert planner.command(TICK * tick, TICK, person, ORIGIN, nominal) is nominal
     assert planner.plan == ("open", "")
-    assert config.planner is not None
 
 
-def test_the_plan_reports_what_is_in_the_way_and_when():
+def test_the_plan_names_the_obstacle_until_it_is_forgotten():
     def command():
         _, planner = planner_of()
         person = standing((1.0, 0.0, 0.0), (0.5, 0.0))
-        planner.command(0.0, 0.05, person, ORIGIN, Twist2D())
-        planner.see(0.0, scan(ORIGIN, [(0.4, 0.25, 0.1)]), ORIGIN)
-        return planner.command(0.05, 0.05, person, ORIGIN, Twist2D(0.5)), planner
+        planner.command(0.0, TICK, person, ORIGIN, Twist2D())
+        planner.see(0.0, scan(ORIGIN, [PILLAR]), ORIGIN)
+        return planner.command(TICK, TICK, person, ORIGIN, Twist2D(0.5)), planner
 
     first, planner = command()
     assert planner.plan.state != "open"
@@ -78,72 +100,73 @@ def test_the_plan_reports_what_is_in_the_way_and_when():
 
 
 SIDE = {"view": "side_left", "standoff_m": 1.2}
-PLACE = Standoff(1.2, math.pi / 2, -math.pi / 2)
+BESIDE = Standoff(1.2, math.pi / 2, -math.pi / 2)
 NARROWEST = min(BODY.length, BODY.width)
 """From the middle of the robot to its nearest side [m]."""
 
 
-def bearings(way):
-    """Return the robot's bearing less that of its place, at each tick [deg]."""
-    return [math.degrees(PLACE.errors(person, robot).bearing) for robot, person, *_ in way]
+def bearings(path):
+    """Return the robot's bearing about the person minus that of `BESIDE`, at each tick [deg]."""
+    return [math.degrees(BESIDE.errors(person, robot).bearing) for robot, person, *_ in path]
 
 
-def test_a_pillar_in_the_way_is_passed_and_the_side_is_regained():
-    way = list(follow(10.0, [(3.0, 1.2, 0.15)], **SIDE))
-    assert min(gap for *_, gap in way) > NARROWEST + 0.05  # of the 0.12 m: cells of 6 cm
-    assert {state for _, _, state, _ in way} >= {"open", "avoiding"}
-    assert way[-1][2] == "open"
-    assert bearings(way)[-1] == pytest.approx(0.0, abs=2.0)  # the law's own way back
-    assert all(abs(robot.distance(person) - 1.2) < 0.3 for robot, person, *_ in way)
+def test_a_pillar_is_passed_and_the_side_regained():
+    path = list(follow(10.0, [(3.0, 1.2, 0.15)], **SIDE))
+    assert min(gap for *_, gap in path) > NARROWEST + 0.05  # of the 0.12 m: cells of 6 cm
+    assert {state for _, _, state, _ in path} >= {"open", "avoiding"}
+    assert path[-1][2] == "open"
+    assert bearings(path)[-1] == pytest.approx(0.0, abs=2.0)  # the law returns to the side
+    assert all(abs(robot.distance(person) - 1.2) < 0.3 for robot, person, *_ in path)
 
 
-def test_where_the_side_is_blocked_it_goes_behind_and_comes_back_by_itself():
-    corridor = wall(3.0, 6.0, 0.85) + wall(3.0, 6.0, -0.85)
-    way = list(follow(14.0, corridor, **SIDE))
-    off = bearings(way)
-    within = [off[k] for k, (robot, *_) in enumerate(way) if 3.5 < robot.x < 5.5]
+def test_in_a_corridor_the_robot_follows_behind():
+    path = list(follow(14.0, wall(3.0, 6.0, 0.85) + wall(3.0, 6.0, -0.85), **SIDE))
+    angles = bearings(path)
+    within = [angles[k] for k, (robot, *_) in enumerate(path) if 3.5 < robot.x < 5.5]
     assert within
     assert min(within) > 45.0  # nearer to behind, 90 degrees away, than to the side
-    assert "gave_up_bearing" in {state for _, _, state, _ in way}
-    assert way[-1][2] == "open"
-    assert off[-1] == pytest.approx(0.0, abs=2.0)
-    assert min(gap for *_, gap in way) > NARROWEST + 0.05
-    for robot, person, *_ in way:  # in view all the time
-        seen = math.atan2(person.y - robot.y, person.x - robot.x)
-        assert abs(math.degrees(wrap(seen - robot.yaw))) < 37.5
+    assert "gave_up_bearing" in {state for _, _, state, _ in path}
+    assert path[-1][2] == "open"
+    assert angles[-1] == pytest.approx(0.0, abs=2.0)
+    assert min(gap for *_, gap in path) > NARROWEST + 0.05
+    for robot, person, *_ in path:  # in view all the time
+        bearing = math.atan2(person.y - robot.y, person.x - robot.x)
+        assert abs(math.degrees(wrap(bearing - robot.yaw))) < 37.5
 
 
-def test_before_a_gap_that_is_too_narrow_it_waits():
+def test_before_a_narrow_gap_the_robot_waits():
     room = [(3.0, sign * (0.22 + 0.05 * k), 0.03) for k in range(60) for sign in (1, -1)]
-    *_, (robot, person, state, _) = way = list(follow(11.0, room, **SIDE))
+    *_, (robot, person, state, _) = path = list(follow(11.0, room, **SIDE))
     assert state == "waiting"
     assert robot.x < 3.0 < person.x
-    assert min(gap for *_, gap in way) > NARROWEST
+    assert min(gap for *_, gap in path) > NARROWEST
 
 
-def test_somebody_who_comes_across_is_let_pass():
-    # they would meet the robot beside its person at 3 s
-    way = list(follow(7.0, [], walkers=[(1.8, 4.2, 0.0, -0.8)], view="back", standoff_m=1.2))
-    straight = list(follow(7.0, [], view="back", standoff_m=1.2))
-    met = min(math.dist(r[:2], (1.8, 4.2 - 0.8 * 0.05 * k)) for k, (r, *_) in enumerate(straight))
-    assert met < 0.5
-    assert min(gap for *_, gap in way) > math.hypot(BODY.length, BODY.width)
-    assert way[-1][2] == "open"
+def test_a_crossing_walker_may_pass():
+    # the walker would meet the robot behind its person at 3 s
+    walker, behind = (1.8, 4.2, 0.0, -0.8), {"view": "back", "standoff_m": 1.2}
+    path, straight = (list(follow(7.0, [], walkers, **behind)) for walkers in ([walker], []))
+    gaps = [
+        math.dist(robot[:2], (1.8, 4.2 - 0.8 * TICK * k)) for k, (robot, *_) in enumerate(straight)
+    ]
+    assert min(gaps) < 0.5
+    assert min(gap for *_, gap in path) > math.hypot(BODY.length, BODY.width)
+    assert path[-1][2] == "open"
 
 
-@pytest.mark.parametrize("beside", [[], [(0.9, 0.5)]], ids=["alone", "with a walker"])
-def test_robot_person_and_walkers_are_predicted_over_the_same_dead_time(beside):
-    # At 1.3 m/s and 0.5 s all three are 0.65 m farther when the robot responds. Any of them at
-    # another time is in the way: the person's legs, or the walker, who keeps 1.03 m away.
+@pytest.mark.parametrize("walkers", [[], [(0.9, 0.5)]], ids=["alone", "with a walker"])
+def test_all_are_predicted_over_the_dead_time(walkers):
+    # At 1.3 m/s and 0.5 s robot, person and walkers are 0.65 m farther when the robot responds. Any
+    # of them at another time is in the way: the person's legs, or the walker, 1.03 m away.
     config, planner = planner_of({"response_s": 0.5, "standoff_m": 1.2})
     following = Following(config, SensorConfig(), DRIVE, planner=planner)
-    speed, plans = Twist2D(1.3), []
-    robot, twist, sent = Pose2D(), speed, deque([speed] * 10)
+    robot, twist, plans = Pose2D(), Twist2D(1.3), []
+    sent = deque([twist] * 10)
     for tick in range(60):
         time, x = TICK * tick, 1.3 * TICK * tick
-        person = Pose2D(x + 1.2, 0.0)
-        planner.see(time, scan(robot, walkers_at(x, [(1.2, 0.0), *beside])), robot)
-        frame = Frame(time, (Measurement(person, SURE),))
+        circles = [leg for dx, y in [(1.2, 0.0), *walkers] for leg in legs(x + dx, y)]
+        planner.see(time, scan(robot, circles), robot)
+        frame = Frame(time, (Measurement(Pose2D(x + 1.2, 0.0), SURE),))
         step = following.step(time, TICK, robot, frame)
         plans.append(step.plan.state)
         sent.append(step.command)
@@ -151,7 +174,3 @@ def test_robot_person_and_walkers_are_predicted_over_the_same_dead_time(beside):
         robot = robot.integrate(twist, TICK)
     # the estimate has no velocity at first
     assert set(plans[20:]) == {"open"}
-
-
-def walkers_at(x, places):
-    return [leg for ahead, left in places for leg in legs(x + ahead, left)]

@@ -1,4 +1,4 @@
-"""The sensors as nodes: when they look, what of, and settings that do not go together."""
+"""The sensors as nodes: when they capture, whom they see, and settings that do not fit together."""
 
 import pytest
 from harness import SCENARIOS, Steps
@@ -8,7 +8,6 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import (
-    Header,
     NamedPose,
     People,
     Person,
@@ -21,134 +20,147 @@ from mecazen.messages import (
 from mecazen_sensors.node import DepthNode, LidarNode, TrackerNode
 from people import HEIGHT, body
 
-SENSES = SCENARIOS / "senses.toml"
+NO_RETURN = 13.0
+CONVOY = load_scenario(SCENARIOS / "convoy.toml", parse_settings(["sensor.kind=fused"])).of("two")
+OTHER_ROBOT = NamedPose("one", Pose.planar(Pose2D(0.0, 2.0)))
+
+
+def joints_at(x, y):
+    return tuple(Point(*joint) for joint in body(pose=(x, y, 0.0)).tolist())
 
 
 class Sensor(Steps):
-    """A sensor beside a robot at the origin and a person 1.5 m ahead."""
+    """A sensor at the origin, and a followed person 1.5 m ahead."""
 
-    def __init__(self, kind, *settings: str) -> None:
-        super().__init__(kind, load_scenario(SENSES, parse_settings(settings)))
+    def __init__(self, kind, *settings, scenario=None):
+        settings = parse_settings(settings)
+        super().__init__(kind, scenario or load_scenario(SCENARIOS / "senses.toml", settings))
 
-    def tick(self, tick: int, *missing: keys.Topic):
-        """Return the outputs of a tick."""
-        joints = tuple(Point(*joint) for joint in body(pose=(1.5, 0.0, 0.0)).tolist())
-        samples = {
-            keys.GROUND_TRUTH: planar_odometry(Time(), "world", "x", Pose2D(), Twist2D()),
-            keys.TARGET_SKELETON: Skeleton(header=Header(), height=HEIGHT, joints=joints),
-        }
-        return self.step(tick, {of: one for of, one in samples.items() if of not in missing})
+    def tick(self, tick, people=None, has_pose=True):
+        """Return the outputs of a tick; `people` are the positions of other people, by id."""
+        samples = {keys.TARGET_SKELETON: Skeleton(height=HEIGHT, joints=joints_at(1.5, 0.0))}
+        if has_pose:
+            samples[keys.GROUND_TRUTH] = planar_odometry(Time(), "world", "x", Pose2D(), Twist2D())
+        if people is not None:
+            persons = [
+                Person(name, height=HEIGHT, joints=joints_at(*place))
+                for name, place in people.items()
+            ]
+            samples[keys.PEOPLE] = People(persons=tuple(persons), robots=(OTHER_ROBOT,))
+        return self.step(tick, samples)
+
+    def frames(self, people, ticks=range(0, 40, 2)):
+        """Return the skeletons of each frame with any; `people` is a function of the tick."""
+        outputs = [self.tick(tick, people(tick)).get(keys.SKELETONS) for tick in ticks]
+        return [frame.skeletons for frame in outputs if frame is not None and frame.skeletons]
 
 
 @pytest.mark.parametrize(
-    ("kind", "topic", "first", "period"),
+    ("kind", "topic", "period"),
     [
-        (LidarNode, keys.SCAN, 0, 10),
-        (TrackerNode, keys.SKELETONS, 0, 4),
-        (DepthNode, keys.DEPTH, 0, 20),
+        (LidarNode, keys.SCAN, 10),
+        (TrackerNode, keys.SKELETONS, 4),
+        (DepthNode, keys.DEPTH, 20),
     ],
 )
-def test_a_sensor_answers_at_its_rate_and_at_no_other_tick(kind, topic, first, period):
+def test_a_sensor_answers_at_its_rate(kind, topic, period):
     sensor = Sensor(kind)
     answered = [tick for tick in range(0, 42, 2) if topic in sensor.tick(tick)]
-    assert answered == list(range(first, 42, period))
+    assert answered == list(range(0, 42, period))
 
 
-@pytest.mark.parametrize(
-    ("kind", "captured", "due"), [(LidarNode, 20, 40), (TrackerNode, 22, 24), (DepthNode, 20, 40)]
-)
-def test_a_sensor_skips_a_frame_if_the_pose_of_the_robot_is_late(kind, captured, due):
+@pytest.mark.parametrize(("kind", "period"), [(LidarNode, 10), (DepthNode, 20)])
+def test_a_frame_is_skipped_without_the_robots_pose(kind, period):
     sensor = Sensor(kind)
-    assert sensor.tick(captured, keys.GROUND_TRUTH) == {}
-    assert sensor.tick(due) != {}
+    assert sensor.tick(period, has_pose=False) == {}
+    assert sensor.tick(2 * period) != {}
 
 
-def test_a_frame_of_the_tracker_is_of_the_time_at_which_it_was_taken():
+def test_a_frame_of_the_tracker_arrives_late():
     sensor = Sensor(TrackerNode)
     frames = {tick: sensor.tick(tick).get(keys.SKELETONS) for tick in range(0, 20, 2)}
     assert frames[12].header.stamp.ns == 20_000_000
     assert len(frames[12].skeletons) == 1
-    # a frame with a time before the start shows no person
-    assert frames[8].skeletons == ()
+    assert frames[8].skeletons == ()  # it would have been captured before the start
 
 
-def test_a_frame_whose_capture_was_missed_shows_nobody_and_the_next_one_is_right():
-    sensor = Sensor(TrackerNode)
-    missed = {6, 8}  # as by a process that was stopped: 6 takes the frame of 16
+@pytest.mark.parametrize("stopped", [True, False], ids=["stopped", "without a pose"])
+def test_a_missed_capture_loses_its_frame_only(stopped):
+    sensor = Sensor(TrackerNode, "sensors.tracker.latency_s=0.08")  # two periods
     frames = {
-        tick: sensor.tick(tick).get(keys.SKELETONS)
-        for tick in range(0, 24, 2)
-        if tick not in missed
+        tick: sensor.tick(tick, has_pose=tick != 12).get(keys.SKELETONS)
+        for tick in range(0, 28, 2)
+        if not (stopped and tick == 12)
     }
-    assert frames[16].skeletons == ()
-    assert frames[20].header.stamp.ns == 100_000_000
+    stamps = {tick: frame.header.stamp.ns for tick, frame in frames.items() if frame}
+    assert (stamps[16], stamps[24]) == (80_000_000, 160_000_000)
+    assert frames[20].skeletons == ()  # of the capture at tick 12
+    if not stopped:  # the frame in transit arrives
+        assert stamps[12] == 40_000_000
+
+
+def test_the_lidar_sees_people_and_robots_until_they_leave():
+    sensor = Sensor(LidarNode, scenario=CONVOY)
+    ranges = sensor.tick(0, {"two": (1.5, 0.0), "walker_1": (-2.0, 0.0)})[keys.SCAN].ranges
+    # the lidar is 0.13 m behind the robot's middle, legs are 0.15 m from the middle of a person
+    assert min(r for r in ranges[:10] if r) == pytest.approx(1.87, abs=0.15)
+    assert min(r for r in ranges[350:370] if r) == pytest.approx(1.63, abs=0.15)
+    # on the left the lidar of the other robot: at this height, 0.04 m in radius; noise of 0.01 m
+    assert min(r for r in ranges[520:550] if r) == pytest.approx(1.96, abs=0.05)
+    # without a report a walker stands still; a report without the walker removes them
+    assert min(r for r in sensor.tick(10)[keys.SCAN].ranges[:10] if r) < 2.1
+    sensor.tick(18, {"two": (1.5, 0.0)})
+    ranges = sensor.tick(20)[keys.SCAN].ranges
+    assert max(ranges[:10]) == NO_RETURN
+    assert min(r for r in ranges[350:370] if r) == pytest.approx(1.63, abs=0.15)
+
+
+def test_a_camera_no_longer_sees_people_who_left():
+    sensor, empty = Sensor(DepthNode), Sensor(DepthNode)
+    near = sensor.tick(0, {"walker_1": (1.0, 0.3)})[keys.DEPTH]
+    assert near != empty.tick(0, {})[keys.DEPTH]
+    assert sensor.tick(20, {})[keys.DEPTH] == empty.tick(20, {})[keys.DEPTH]
+
+
+def test_errors_of_a_person_stay_with_their_id():
+    walkers = {"walker_1": (2.5, 0.9), "walker_2": (2.5, -0.9)}
+
+    def without_first_from(tick, leaves):
+        return {"walker_2": walkers["walker_2"]} if tick >= leaves else walkers
+
+    leaving, staying, alone = (
+        Sensor(TrackerNode).frames(lambda tick, leaves=leaves: without_first_from(tick, leaves))
+        for leaves in (20, 1000, 0)
+    )
+    assert [len(frame) for frame in leaving] == [3] * 5 + [2] * 2
+    assert [frame[-1] for frame in leaving] == [frame[-1] for frame in staying]
+    # another person changes nobody's errors
+    assert [frame[0] for frame in alone] == [frame[0] for frame in staying]
+
+
+def test_a_person_who_was_away_has_a_new_identity():
+    away = range(20, 80)
+    sensor = Sensor(TrackerNode, "sensors.tracker.identity_memory_s=0.2")
+    frames = sensor.frames(
+        lambda tick: {} if tick in away else {"walker_1": (2.5, 0.9)}, range(0, 120, 2)
+    )
+    names = [tuple(skeleton.id for skeleton in frame) for frame in frames]
+    assert list(dict.fromkeys(names)) == [("1", "2"), ("1",), ("1", "3")]
 
 
 @pytest.mark.parametrize(
-    ("kind", "setting", "named"),
+    ("kind", "settings", "message"),
     [
-        (LidarNode, "sensors.lidar.rate_hz=20", "sensors.lidar"),
-        (TrackerNode, "sensors.tracker.latency_s=0.11", "sensors.tracker"),
-        (DepthNode, "sensors.depth.rate_hz=4", "sensors.depth"),
+        (LidarNode, ("sensors.lidar.rate_hz=20",), "sensors.lidar: period and latency must be"),
+        (TrackerNode, ("sensors.tracker.latency_s=0.11",), "sensors.tracker: period and latency"),
+        (DepthNode, ("sensors.depth.rate_hz=4",), "sensors.depth: period and latency must be"),
+        (TrackerNode, ("sensors.tracker.rate_hz=30",), "sensors.tracker.rate_hz = 30 must divide"),
+        (TrackerNode, ("sensors.tracker.latency_s=0.015",), "whole number of ticks"),
     ],
 )
-def test_a_capture_between_two_postures_of_the_skeleton_is_refused(kind, setting, named):
-    with pytest.raises(ConfigError, match=f"{named}: period and latency must be whole multiples"):
-        Sensor(kind, "sensors.skeleton_rate_hz=50", setting)
-
-
-class Among(Sensor):
-    """A sensor of the robot `two`, among another robot ahead and two other people."""
-
-    def __init__(self, kind, others):
-        Steps.__init__(
-            self, kind, load_scenario(SCENARIOS / "convoy.toml", parse_settings((FUSED,))).of("two")
-        )
-        self.people = People(
-            persons=tuple(
-                Person(name, height=HEIGHT, joints=points(body(pose=(*place, 0.0))))
-                for name, place in {"two": (1.5, 0.0), **others}.items()
-            ),
-            robots=(
-                NamedPose("one", Pose.planar(Pose2D(0.0, 2.0))),
-                NamedPose("two", Pose.planar(Pose2D())),
-            ),
-        )
-
-    def tick(self, tick):
-        skeleton = Skeleton(height=HEIGHT, joints=self.people.persons[0].joints)
-        truth = planar_odometry(Time(), "world", "x", Pose2D(), Twist2D())
-        inputs = {keys.GROUND_TRUTH: truth, keys.TARGET_SKELETON: skeleton}
-        return self.step(tick, {**inputs, keys.PEOPLE: self.people})
-
-
-FUSED = "sensor.kind=fused"
-OTHERS = {"one": (2.5, 0.9), "walker_1": (-2.0, 0.0)}
-
-
-def points(joints):
-    return tuple(Point(*joint) for joint in joints.tolist())
-
-
-def test_the_lidar_sees_everybody_and_other_robots():
-    ranges = Among(LidarNode, OTHERS).tick(0)[keys.SCAN].ranges
-    # the lidar is 0.13 m behind the robot's middle, legs are 0.15 m from the middle of a person
-    assert min(ranges[:10]) == pytest.approx(1.87, abs=0.15)  # behind: the walker
-    assert min(r for r in ranges[350:370] if r) == pytest.approx(1.63, abs=0.15)
-    # on the left the other robot's lidar: at this height, 0.04 m in radius; noise of 0.01 m
-    assert min(r for r in ranges[520:550] if r) == pytest.approx(1.96, abs=0.05)
-    assert max(Sensor(LidarNode).tick(0)[keys.SCAN].ranges[:10]) == 13.0
-
-
-def test_the_tracker_names_everybody_in_view_and_draws_nobodys_errors_from_anothers():
-    sensors = Among(TrackerNode, {}), Among(TrackerNode, OTHERS)
-    alone, among = (
-        [sensor.tick(tick).get(keys.SKELETONS) for tick in range(0, 30, 2)] for sensor in sensors
-    )
-    frames = [frame for frame in among if frame is not None and frame.skeletons]
-    assert {tuple(one.id for one in frame.skeletons) for frame in frames} == {("1", "2")}
-    first = [f and f.skeletons[:1] for f in among]
-    assert first == [f and f.skeletons for f in alone]
+def test_captures_must_be_at_updates_of_bodies(kind, settings, message):
+    with pytest.raises(ConfigError, match=message):
+        Sensor(kind, "sensors.skeleton_rate_hz=50", *settings)
 
 
 @pytest.mark.parametrize(

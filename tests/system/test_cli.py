@@ -43,16 +43,14 @@ def here(monkeypatch, capsys):
     return run
 
 
-@pytest.mark.parametrize("scenario", sorted(path.stem for path in SCENARIOS.glob("*.toml")))
-def test_the_printed_configuration_is_whole_and_loads_again(here, scenario, tmp_path):
-    printed = here("config", scenario).stdout
+def test_the_printed_configuration_is_whole_and_loads_again(here, tmp_path):
     copy = tmp_path / "copy.toml"
-    copy.write_text(printed)
-    original = load_scenario(SCENARIOS / f"{scenario}.toml")
-    assert effective(load_scenario(copy)) == effective(original)
-    assert {"robot", "physics", "controller", "target", "follower", "bus"} <= set(
-        tomllib.loads(printed)
-    )
+    for path in SCENARIOS.glob("*.toml"):
+        printed = here("config", path.stem).stdout
+        copy.write_text(printed)
+        assert effective(load_scenario(copy)) == effective(load_scenario(path))
+        sections = {"robot", "physics", "controller", "target", "follower", "bus"}
+        assert sections <= set(tomllib.loads(printed))
 
 
 def test_scenario_and_settings_may_come_from_the_environment(here):
@@ -70,24 +68,13 @@ def test_scenario_and_settings_may_come_from_the_environment(here):
     assert_one_line(here("config", **wrong), 2, "sim.speed", "0.01")
 
 
-def test_every_command_has_help(here):
-    names = ["up", "run", "simulate", "collect", "topics", "status", "echo", "pub", "config"]
-    names += ["sim", "param", "keys", "view", "graph", "teleop", "record", "replay", "info"]
-    overview = here("--help").stdout
-    for name in names:
-        assert f"│ {name} " in overview
-        assert f"mecazen {name} " in here(name, "--help").stdout
-    for same in (("help",), ("-h",)):
-        assert here(*same).stdout == overview
+def test_help_has_one_text_however_it_is_asked_for(here):
     for same in (("help", "param", "set"), ("param", "set", "-h")):
         assert here(*same).stdout == here("param", "set", "--help").stdout
+    assert "│ simulate " in here("-h").stdout
 
 
 DISTRIBUTED = ("simulate", "back", "--duration", "0.1", "--distributed")
-
-
-def real_time() -> None:
-    os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))
 
 
 def one_core() -> None:
@@ -99,14 +86,9 @@ def one_core() -> None:
     [
         # key → message, ° and borders are not ASCII
         (("topics",), None, {"PYTHONIOENCODING": "ascii"}, "Empty ? ", ""),
-        (("topics", "--help"), None, {"PYTHONIOENCODING": "latin-1"}, "Measure the rates", ""),
-        pytest.param(
-            *(DISTRIBUTED, real_time, {}, "trajectory: sha256", ""),
-            marks=pytest.mark.skipif(os.geteuid() != 0, reason="only root may take this policy"),
-        ),
         (DISTRIBUTED, one_core, {}, "trajectory: sha256", "all processes share the only core"),
     ],
-    ids=["ASCII", "Latin-1", "a real-time policy", "one core"],
+    ids=["ASCII", "one core"],
 )
 def test_a_command_works_in_unusual_surroundings(arguments, before, variables, out, err):
     done = mecazen(*arguments, before=before, **variables)
@@ -184,33 +166,25 @@ def test_up_shows_what_runs_and_ctrl_c_ends_all_of_it():
 
 
 def test_when_a_process_dies_up_ends_all_and_names_it():
-    up = Up("back", "sim.speed=4")
-    up.read_until("following")
-    pids = up.pids()
-    os.kill(pids["target"], signal.SIGKILL)
-    code, _, err = up.end(None)
-    assert code == 1
-    assert err.splitlines()[-1].startswith("error: target:")
-    assert not any(is_running(pid) for pid in pids.values())
-
-
-def test_two_runs_share_a_router_if_each_has_a_namespace():
-    stands = 'target.path={ kind = "standing" }'  # so that each robot keeps its place
-    first = Up("back", stands)
+    first = Up("back", "sim.speed=4")
     first.read_until("following")
-    others = (first.router[0], "bus.namespace=second", stands)
-    second = Command("up", "side", "--no-viewer", *options(others))
+    # a second run shares the router in a namespace of its own
+    second = Command(
+        "up", "side", "--no-viewer", *options((first.router[0], "bus.namespace=second"))
+    )
     second.read_until("following")
-    assert "│ physics" in second.text
     assert "│ router" not in second.text
     shown = f"mecazen --connect {first.tools[1]} --namespace second echo odom"
     assert shown in second.text
     odom = mecazen(*shown.split()[1:], "--count", 1).stdout
-    assert msgspec.json.decode(odom)["pose"]["pose"]["position"]["y"] > 0.5  # beside the person
+    assert msgspec.json.decode(odom)["header"]["frame_id"] == "odom"
     assert second.end()[0] == 0
-    odom = mecazen(*first.tools, "echo", "odom", "--count", 1).stdout
-    assert abs(msgspec.json.decode(odom)["pose"]["pose"]["position"]["y"]) < 0.5  # behind them
-    assert first.end()[0] == 0
+    pids = first.pids()
+    os.kill(pids["target"], signal.SIGKILL)
+    code, _, err = first.end(None)
+    assert code == 1
+    assert err.splitlines()[-1].startswith("error: target:")
+    assert not any(is_running(pid) for pid in pids.values())
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "configs" / "zenoh").glob("*.json5")))
@@ -218,13 +192,3 @@ def test_a_zenoh_configuration_that_ships_is_one_that_services_run_with(file):
     up = Up("teleop", f"bus.zenoh_config={file}", 'bus.listen=["tcp/127.0.0.1:0"]')
     up.read_until("t = ")
     assert up.end()[0] == 0
-
-
-def test_status_says_in_one_line_that_nobody_is_there():
-    settings = private_router()
-    router = Command("run", "router", "back", *options(settings))
-    router.await_start()
-    endpoint = endpoint_of(settings)
-    done = mecazen("--connect", endpoint, "status")
-    router.end(signal.SIGTERM)
-    assert_one_line(done, 1, "no service is alive", endpoint)

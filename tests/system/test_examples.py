@@ -2,11 +2,10 @@
 
 import os
 import re
-from pathlib import Path
 
 import pytest
-from harness import ROBOTS, ROOT, SCENARIOS, assert_one_line, mecazen
-from mecazen.loading import load_scenario, parse_settings
+from harness import ROOT, SCENARIOS, assert_one_line, mecazen
+from mecazen.loading import load_scenario
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.processes import ProcessError
@@ -16,29 +15,6 @@ from mecazen_tools.simulation import Simulation
 EXAMPLES = ROOT / "examples"
 RANGE = EXAMPLES / "range_sensor.toml"
 SHORT = ("sim.duration_s=2.0",)
-NODE = """
-from mecazen.geometry import Twist2D
-from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, TARGET_CMD_VEL
-from mecazen.messages import Odometry, Twist
-from mecazen.node import Node, Row, every
-class Mine(Node):
-    ROW = Row({row})
-    def reset(self, seed): pass
-    def step(self, tick, inputs): return {answer}
-"""
-
-
-def write_node(folder: Path, row: str, answer: str) -> None:
-    """Write a node of one's own; it is named `mine.py:Mine`."""
-    (folder / "mine.py").write_text(NODE.format(row=row, answer=answer))
-
-
-@pytest.mark.parametrize("name", ["my_follower", "range_sensor"])
-def test_an_example_gives_the_same_in_one_process_and_in_many(name):
-    path = EXAMPLES / f"{name}.toml"
-    alone = simulate(load_scenario(path, parse_settings(SHORT)), name)[0]
-    apart = simulate_distributed(path, SHORT, name)[0]
-    assert alone.trajectory_sha256 == apart.trajectory_sha256
 
 
 def test_the_follower_keeps_its_distance():
@@ -101,8 +77,7 @@ def test_a_node_that_nobody_waits_for_makes_every_step_in_processes_too(tmp_path
     assert [sample.time_ns for sample in samples] == [n * 50_000_000 for n in range(20)]
 
 
-@pytest.mark.parametrize("distributed", [False, True])
-def test_a_mistake_in_a_node_of_ones_own_is_one_line_wherever_it_runs(tmp_path, distributed):
+def test_a_mistake_in_a_user_node_is_one_line(tmp_path):
     (tmp_path / "wrong.py").write_text(
         "from range_sensor import RangeSensor\n"
         "class Wrong(RangeSensor):\n"
@@ -111,8 +86,7 @@ def test_a_mistake_in_a_node_of_ones_own_is_one_line_wherever_it_runs(tmp_path, 
     )
     program = ("--set", f"programs.range={tmp_path}/wrong.py:Wrong", "--duration", "1")
     path = f"{EXAMPLES}:{os.environ.get('PYTHONPATH', '')}"
-    where = ("--distributed",) if distributed else ()
-    done = mecazen("simulate", RANGE, *where, *program, PYTHONPATH=path)
+    done = mecazen("simulate", RANGE, "--distributed", *program, PYTHONPATH=path)
     assert_one_line(done, 1, "error: range: TypeError: unsupported", "(wrong.py:4 step)")
 
 
@@ -129,18 +103,3 @@ def test_a_node_that_hangs_is_named_and_not_those_that_wait_for_it(tmp_path):
     hung = "follower did not answer tick 20 "
     with pytest.raises(ProcessError, match=hung):
         simulate_distributed(SCENARIOS / "back.toml", settings, "back")
-
-
-def test_a_node_that_drives_the_person_gives_one_result_in_any_grouping(tmp_path):
-    row = "'walk', inputs=(every(GROUND_TRUTH),), outputs=(TARGET_CMD_VEL,)"
-    answer = "{TARGET_CMD_VEL: Twist.planar(Twist2D(x=0.001 * tick.number))}"
-    write_node(tmp_path, row, answer)
-    path = tmp_path / "walk.toml"
-    path.write_text(
-        f"robot = '{ROBOTS / 'nexus.toml'}'\nprograms.walk = 'mine.py:Mine'\n"
-        "[start]\nx_m = -1.0\n[target.path]\nkind = 'driven'\n"
-    )
-    alone = simulate(load_scenario(path, parse_settings(SHORT)), "walk")[0].trajectory_sha256
-    for groups in ("[]", '[["walk", "target"]]', '[["physics", "walk"]]'):
-        settings = (*SHORT, f"processes={groups}")
-        assert simulate_distributed(path, settings, "walk")[0].trajectory_sha256 == alone, groups

@@ -32,19 +32,12 @@ def test_the_widget_shows_the_run_from_its_start_and_as_it_goes_on():
     assert len(rrd_of(widget)) > len(so_far)
 
 
-def test_a_run_is_drawn_only_if_asked_to_be_and_has_the_same_bits():
-    hashes = set()
-    for view in (False, True):
-        with Simulation("side", duration_s=0.2, view=view) as sim:
-            sim.run()
-            hashes.add(sim.trajectory.sha256())
-            if not view:
-                with pytest.raises(MecazenError, match=r"Simulation\(\.\.\., view=True\) does"):
-                    sim.view()
-    assert len(hashes) == 1
-
-
-def test_without_rerun_s_widget_expect_one_line(monkeypatch):
+def test_a_run_without_a_view_or_without_rerun_s_widget_is_one_line(monkeypatch):
+    with (
+        Simulation("side", duration_s=0.1) as sim,
+        pytest.raises(MecazenError, match=r"Simulation\(\.\.\., view=True\) does"),
+    ):
+        sim.view()
     monkeypatch.setitem(sys.modules, "rerun.notebook", None)
     with (
         Simulation("side", duration_s=0.1, view=True) as sim,
@@ -70,10 +63,3 @@ def printed(file):
     cells = nbformat.read(file, as_version=4).cells
     outputs = [output for cell in cells for output in cell.get("outputs", ())]
     return "\n".join(output.get("text") or output.data["text/plain"] for output in outputs)
-
-
-def test_the_notebook_is_small_and_tells_nothing_of_a_machine():
-    text = NOTEBOOK.read_text()
-    assert len(text) < 100_000
-    assert str(ROOT) not in text
-    assert "site-packages" not in text

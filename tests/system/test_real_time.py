@@ -32,17 +32,6 @@ def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack
     assert trajectory.rows()[: sim.ticks] == lockstep.rows()
 
 
-def test_the_robot_follows_the_person_to_within_a_hand(stack):
-    running = stack(SCENARIOS / "back.toml", "sim.speed=2", "target.path.start_after_s=0.5")
-    topics = keys.GROUND_TRUTH, keys.TARGET_ODOM, keys.FOLLOWER_STATE
-    robot, person, state = (Newest(running.bus, topic) for topic in topics)
-    running.start()
-    running.wait(lambda: person.message is not None and person.pose.x > 1.0)
-    assert state.message.tracking == "following"
-    # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off
-    assert robot.pose.distance(person.pose) == pytest.approx(1.0, abs=0.1)
-
-
 def zenoh_command(running, *arguments: str) -> list[object]:
     namespace = f'namespace:"{running.scenario.bus.namespace}"'
     where = "--mode", "client", "--connect", running.endpoint, "--cfg", namespace
@@ -82,17 +71,6 @@ def test_an_unmodified_zenoh_cli_drives_the_robot_sees_it_and_puts_it_back(stack
     answer = zenoh_cli(running, "get", "-s", "sim/reset", "--decoder", "json").stdout
     assert msgspec.json.decode(answer)["tick"] == 0
     running.wait(lambda: odom.pose.x == pytest.approx(-1.0, abs=1e-6))
-
-
-def test_with_all_services_in_one_process_the_stack_is_reached_from_outside_all_the_same(stack):
-    parts = "physics", "controller", "target", "sensors", "guard"
-    running = stack(SCENARIOS / "teleop.toml", f"processes=[{list(parts)}]")
-    odom = Newest(running.bus, keys.ODOM)
-    running.start()
-    assert set(running.supervisor.pids) == {"router", "+".join(parts)}
-    zenoh_cli(running, "put", "-k", "cmd_vel", "-v", TWIST)
-    running.wait(lambda: odom.message is not None and odom.pose.x > -0.95)
-    assert running.call(keys.SIM_STATE, Empty()).tick > 0
 
 
 def test_a_reset_begins_the_run_anew_with_a_new_seed_in_every_service(stack):

@@ -1,20 +1,16 @@
 """Whole runs, recorded in one process and as processes, and recomputed."""
 
-import json
-import time
 import tomllib
 from collections import Counter
-from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
-from harness import SCENARIOS, assert_one_line, mecazen, options
+from harness import assert_one_line, mecazen, options
 from mecazen import Simulation, keys
 from mecazen.config import SensorConfig
 from mecazen.graph import rows
-from mecazen.messages import Empty, GuardState, ResetRequest, StepRequest
-from mecazen_recorder.reader import Recording, Sample
+from mecazen.messages import GuardState
+from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.recorded_figure import figure
 from mecazen_tools.run_figure import courses, draw
@@ -33,22 +29,10 @@ EVERY_TICK = {t.key for row in rows(SensorConfig().features) for t in row.output
 }
 
 
-def simulate(scenario: str, duration_s: float, *more: object) -> dict[str, object]:
-    how = ("--duration", duration_s, "--seed", 5, "--json", *options(HARD))
+def simulate(scenario: str, duration_s: float, *more: object) -> None:
+    how = ("--duration", duration_s, "--seed", 5, *options(HARD))
     done = mecazen("simulate", scenario, *how, *more)
     assert done.returncode == 0, done.stderr
-    result: dict[str, object] = msgspec.json.decode(done.stdout)
-    return result
-
-
-def is_of(run: int, sample: Sample) -> bool:
-    return sample.stamp is not None and sample.stamp.run == run
-
-
-def keys_at(path: Path, run: int, time_ns: int) -> set[str]:
-    """Return the keys with a recorded sample of a time of a run."""
-    samples = Recording(path).samples(time_ns, time_ns)
-    return {sample.key for sample in samples if is_of(run, sample)}
 
 
 def counts(recording: Recording) -> Counter[str]:
@@ -58,8 +42,7 @@ def counts(recording: Recording) -> Counter[str]:
 @pytest.mark.parametrize("distributed", [(), ("--distributed",)], ids=["one process", "processes"])
 def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(tmp_path, distributed):
     path = tmp_path / "run.mcap"
-    result = simulate("side", 4, "--record", path, *distributed)
-    assert result["trajectory_sha256"] == simulate("side", 4)["trajectory_sha256"]
+    simulate("side", 4, "--record", path, *distributed)
     recording = Recording(path)
     found = counts(recording)
     assert {key: found[key] for key in EVERY_TICK} == dict.fromkeys(EVERY_TICK, 400)
@@ -73,18 +56,22 @@ def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(tmp_path, 
     assert tomllib.loads(text)["follower"]["view"] == "side_left"
 
 
-@pytest.mark.parametrize("distributed", [(), ("--distributed",)], ids=["one process", "processes"])
-def test_several_robots_are_recorded_whole_and_each_is_computed_anew(tmp_path, distributed):
+def test_several_robots_in_a_crowd_are_recorded_whole_and_each_is_computed_anew(tmp_path):
     path = tmp_path / "run.mcap"
-    simulate("convoy", 2, "--record", path, *distributed)
+    walkers = 'crowd.walkers=[{ path = { kind = "goal", x_m = 2.0, goal_m = [-2.0, 0.5] } }]'
+    settings = "--set=sensor.kind=fused", f"--set={walkers}"
+    simulate("convoy", 2, "--record", path, "--distributed", *settings)
     recording = Recording(path)
     found = counts(recording)
+    assert found["people"] == 100
+    for node, robot in (("crowd", ""), ("lidar", "two"), ("tracker", "one")):
+        compared = recompute(recording, node, robot)
+        assert compared.difference is None
+        assert set(compared.counts.values()) <= {100, 50, 20}
     for robot in ("one", "two"):
         assert {found[f"{robot}/{key}"] for key in EVERY_TICK} == {200}
         for node in NODES:
-            compared = recompute(recording, node, robot)
-            assert compared.difference is None
-            assert set(compared.counts.values()) <= {200, 50}
+            assert recompute(recording, node, robot).difference is None
     assert recording.descriptions().keys() == {"one", "two"}
     anew = "replay", path, "--through", "follower"
     same = mecazen(*anew, "--robot", "two")
@@ -112,42 +99,6 @@ def test_what_the_guard_lets_through_is_recorded_and_computed_anew(tmp_path):
         assert recompute(recording, node).difference is None
 
 
-def test_at_ten_times_real_time_all_that_is_published_is_recorded(stack, tmp_path):
-    services = ("physics", "controller", "target", "follower", "recorder")
-    parts = ("physics", *NODES)
-    path, counted = tmp_path / "run.mcap", Path(__file__).with_name("counted.py")
-    running = stack(
-        SCENARIOS / "side.toml",
-        f"services={json.dumps(services)}",
-        f"recorder.file={json.dumps(str(path))}",
-        "sim.speed=10",
-        *(f"programs.{part}={counted}:{part.title()}" for part in parts),
-    )
-    running.start()
-    # services do not wait for a recorder in real time, so its links may miss the first ticks
-    run = running.call(keys.SIM_RESET, ResetRequest()).run
-    running.wait(lambda: running.call(keys.SIM_STATE, Empty()).tick > 1000)
-    running.call(keys.SIM_PAUSE, Empty())
-    held: list[tuple[int, float]] = []
-
-    def is_recorded() -> bool:
-        """Whether the newest tick is recorded; steps again if it lacks a late answer."""
-        if not held or time.monotonic() > held[-1][1] + 2.0:
-            state = running.call(keys.SIM_STEP, StepRequest(ticks=20))
-            held.append((state.clock.ns, time.monotonic()))
-        return keys_at(path, run, held[-1][0]) >= EVERY_TICK
-
-    # Zenoh loses what a link still holds for a reader that is late when the link is closed
-    running.wait(is_recorded)
-    running.supervisor.stop()
-    published = Counter()
-    for part in parts:
-        published.update(msgspec.json.decode((tmp_path / part).read_bytes()))
-    recorded = Counter(sample.key for sample in Recording(path).samples() if is_of(run, sample))
-    assert {key: recorded[key] for key in published} == published
-    assert published["clock"] > 1000
-
-
 def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_path):
     path = tmp_path / "run.mcap"
     simulate("back", 2, "--record", path)
@@ -159,25 +110,9 @@ def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_p
     assert_one_line(mecazen("replay", path, "--through", "physics"), 2)
 
 
-def test_a_crowd_among_several_robots_is_computed_anew_and_so_are_those_who_see_it(tmp_path):
-    path = tmp_path / "run.mcap"
-    walkers = 'crowd.walkers=[{ path = { kind = "goal", x_m = 2.0, goal_m = [-2.0, 0.5] } }]'
-    settings = "--set=sensor.kind=fused", f"--set={walkers}"
-    result = simulate("convoy", 1, "--record", path, "--distributed", *settings)
-    same = simulate("convoy", 1, *settings)
-    assert result["trajectory_sha256"] == same["trajectory_sha256"]
-    recording = Recording(path)
-    assert counts(recording)["people"] == 50
-    for node, robot in (("crowd", ""), ("lidar", "two"), ("tracker", "one")):
-        compared = recompute(recording, node, robot)
-        assert compared.difference is None
-        assert set(compared.counts.values()) <= {50, 25, 10}
-
-
-@pytest.mark.parametrize("scenario", ["side", "convoy"])
-def test_a_recording_gives_the_same_figure_as_the_run(scenario, tmp_path):
+def test_a_recording_gives_the_same_figure_as_the_run(tmp_path):
     file = tmp_path / "run.mcap"
-    with Simulation(scenario, duration_s=0.2, record=file) as sim:
+    with Simulation("convoy", duration_s=0.2, record=file) as sim:
         sim.run()
         expected = draw(courses(sim.trajectory), sim.scenario, "run")
     assert len(sim.trajectory.rows()) == 20

@@ -23,30 +23,6 @@ def test_a_file_from_the_code_is_up_to_date(path):
     assert path.read_text() == FILES[path], "`make graph` writes it again"
 
 
-@pytest.mark.parametrize(
-    ("page", "line"),
-    [
-        ("cli", "## mecazen bench run"),  # of the last of all packages
-        (
-            "cli",
-            "- `--count <int range>`: End after so many samples.  [default: until Ctrl-C; x>=1]",
-        ),
-        (
-            "configuration",
-            "| `margin_m` | `0.06` | number ≥ 0.05, *live* "
-            "| Clearance between the robot's outline and obstacles. |",
-        ),
-        ("configuration", "| `base.mass_kg` | required | number > 0 and ≤ 2000 |  |"),
-        ("configuration", "| `robot` | none | as [robot](#robot) "),
-        ("configuration", "| `control.feed_forward` (pid) | `true` |"),
-        ("configuration", "| `obstacles[].position_m` | required |"),  # of all kinds
-        ("keys", "| `odom` | nav_msgs/Odometry | controller.update_rate_hz | controller |"),
-    ],
-)
-def test_a_reference_has_the_line(page, line):
-    assert f"\n{line}" in FILES[ROOT / "docs" / f"{page}.md"]
-
-
 PACKAGE = ROOT / "ros2" / "mecazen_msgs" / "msg"
 
 

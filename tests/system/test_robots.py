@@ -1,7 +1,6 @@
-"""Several robots in one world: one result in any number of processes, and each for itself."""
+"""Several robots in one world, each for itself."""
 
 import json
-import math
 import re
 from contextlib import closing
 
@@ -13,36 +12,9 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, ResetRequest
 from mecazen.robots import join_key
 from mecazen_tools.cli.status import Diagnostics
-from mecazen_tools.simulate import simulate, simulate_distributed
+from mecazen_tools.simulate import simulate
 
 CONVOY = SCENARIOS / "convoy.toml"
-
-CLOSE = (
-    "sim.duration_s=6.0",
-    "target.path.start_after_s=0.2",
-    "target.path.speed_m_s=0.4",
-    "sensor.dropout_probability=0.2",
-    # the second robot starts beside the first, and its person walks across the other's way
-    "robots.two.target.path={kind='straight', y_m=-0.6, yaw_deg=60.0, start_after_s=0.2}",
-    "robots.two.start={x_m=-1.0, y_m=-0.6}",
-)
-"""A scenario in which robots come near each other, and frames drop out."""
-
-
-def test_two_robots_in_processes_over_zenoh_give_the_trajectory_of_one_process():
-    alone = simulate(load_scenario(CONVOY, parse_settings(CLOSE)), "convoy")
-    apart = simulate_distributed(CONVOY, CLOSE, "convoy")
-    assert alone[0].trajectory_sha256 == apart[0].trajectory_sha256
-    assert alone[1].rows() == apart[1].rows()
-    assert alone[0].robots == apart[0].robots
-    assert alone[0].robots.keys() == {"one", "two"}
-    columns = alone[1].columns
-    x, y = (
-        [columns.index(f"{name}/robot_{axis}_m") for name in ("one", "two")] for axis in ("x", "y")
-    )
-    gaps = [math.dist((row[x[0]], row[y[0]]), (row[x[1]], row[y[1]])) for row in alone[1].rows()]
-    # half a robot, the circle round another and 0.2 m that are near: they share a stage, and part
-    assert min(gaps) < 0.2 + 0.283 + 0.2
 
 
 def test_a_robot_far_from_others_moves_as_it_would_alone():

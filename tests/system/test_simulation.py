@@ -67,19 +67,6 @@ def test_the_state_is_that_of_the_tick_and_the_tables_hold_every_tick():
         assert frame["odom_x_m"].iloc[-1] == state.odom.x
 
 
-def test_a_robot_that_is_commanded_goes_on_until_told_otherwise_and_is_computed_anew(tmp_path):
-    file = tmp_path / "run.mcap"
-    with Simulation("teleop", {"guard.enabled": False}, duration_s=3.0, record=file) as sim:
-        sim.command(0.2)
-        sim.run(2.0)
-        moved = sim.state.robot.x - sim.scenario.start.x_m
-        # 0.2 m/s for 2 s, less a start within its acceleration limit
-        assert moved == pytest.approx(0.4, abs=0.05)
-        sim.command(wz=-0.5)
-        assert sim.run().robot.yaw < -0.3
-    assert recompute(Recording(file), "controller", "").difference is None
-
-
 @pytest.mark.parametrize("scenario", ["side", "convoy"])
 def test_after_a_reset_a_run_has_the_bits_of_a_new_simulation(scenario):
     with Simulation(scenario, seed=7, duration_s=0.5) as fresh:
@@ -191,21 +178,6 @@ def test_the_wheels_joints_have_the_robots_names_everywhere():
         assert list(sim.latest("joint_command").name) == JOINTS
         urdf = read(ask_description(sim.bus, "", 1.0).urdf)
         assert set(JOINTS) < {joint.name for joint in urdf.joints}
-
-
-def test_another_base_frame_is_the_root_of_the_same_tree():
-    with Simulation("back", {"controller.base_frame_id": "base_footprint"}) as sim:
-        odometry = sim.latest("odom")
-        joints = read(ask_description(sim.bus, "", 1.0).urdf).joints
-        assert odometry.child_frame_id == "base_footprint"
-        parents = {joint.child: joint.parent for joint in joints}
-        parents[odometry.child_frame_id] = odometry.header.frame_id
-        assert parents["base_link"] == "base_footprint"
-        assert {*parents.values()} - parents.keys() == {"odom"}  # one root
-    with pytest.raises(
-        ConfigError, match=r"controller\.base_frame_id: camera_link is another link"
-    ):
-        Simulation("back", {"controller.base_frame_id": "camera_link"})
 
 
 def test_a_walker_may_run_as_fast_as_a_message_can_tell():

@@ -136,24 +136,13 @@ def test_a_key_drives_until_its_release(robot):
     robot.wait_for(cmd())
 
 
-def test_a_person_walks_until_ctrl_c(robot):
-    hand = robot.play("--person", "--speed", "1", "--turn", "0.5")
-    robot.wait(lambda: "nobody listens to target/cmd_vel" in hand.text)
-    hand.type("\x1b[D")  # the arrow to the left
-    robot.wait_for(cmd(yaw=0.5, key=keys.TARGET_CMD_VEL.key))
-    hand.type("U")
-    robot.wait_for(cmd(1.0, yaw=0.5, key=keys.TARGET_CMD_VEL.key))
-    hand.type("\x03")
-    robot.wait_for_end()
-    robot.wait_for(cmd(key=keys.TARGET_CMD_VEL.key))
-    assert not any(key == "cmd_vel" for key, _ in robot.heard)
-
-
-def test_a_lost_terminal_brings_the_robot_to_rest(robot):
-    hand = robot.play()
-    robot.wait(lambda: "nobody listens" in hand.text)
+def test_a_lost_terminal_brings_the_person_to_rest(robot):
+    key = keys.TARGET_CMD_VEL.key
+    hand = robot.play("--person", "--speed", "1")
+    robot.wait(lambda: f"nobody listens to {key}" in hand.text)
     hand.type("w")
-    robot.wait_for(cmd(0.3))
+    robot.wait_for(cmd(1.0, key=key))
     hand.hang_up()
-    robot.wait_for(cmd(0.3), cmd())
+    robot.wait_for(cmd(1.0, key=key), cmd(key=key))
+    assert not any(name == "cmd_vel" for name, _ in robot.heard)
     robot.wait_for_end()

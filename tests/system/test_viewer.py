@@ -8,7 +8,6 @@ import socket
 import urllib.request
 from collections.abc import Callable
 from contextlib import closing
-from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
@@ -122,7 +121,7 @@ def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]
 def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, attach):
     shown = Shown(stack, "side", "sim.speed=3")
     # counted from when the viewer is there, and enough to reach beyond the legends of small plots
-    shown.until(shown.time_s + 12.0)
+    shown.until(shown.time_s + 6.0)
     shown.slow_down()
     attach.open(shown.uri)
     whole = until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
@@ -146,17 +145,6 @@ def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, 
             take(plot), lambda image: share(image, lambda i: i[..., 2] - i[..., 0] > 60) > 0.001
         )
         assert share(blue, ground) < 0.5
-
-
-def test_of_several_robots_all_are_in_the_scene_each_behind_its_person(stack, attach):
-    shown = Shown(stack, "convoy")
-    shown.slow_down()
-    attach.open(shown.uri)
-    until_shown(attach.take_screenshot, shows_two_persons)
-    state = attach.get_state()
-    assert not any(view.reports for view in state.views)
-    # each robot has a tab of its own
-    assert [view.name for view in state.views].count("from above") == 2
 
 
 def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(stack, attach):
@@ -200,21 +188,14 @@ def test_browser_shows_a_live_run_at_the_printed_address(stack):
     assert shows_the_scene(whole[height // 8 : height // 2, : width // 2])
 
 
-def test_when_the_viewer_is_killed_the_simulation_goes_on(stack):
-    shown = Shown(stack, "side", "sim.speed=2")
-    os.kill(shown.running.supervisor.pids["viewer"], signal.SIGKILL)
-    # `until` raises where a process ends that is needed
-    shown.until(shown.time_s + 2.0)
-
-
-def test_a_viewer_that_hangs_holds_nobody_up(stack):
+def test_a_viewer_that_hangs_or_is_killed_delays_no_service(stack):
     shown = Shown(stack, "side", "sim.speed=2")
     viewer = shown.running.supervisor.pids["viewer"]
     os.kill(viewer, signal.SIGSTOP)
-    try:
-        shown.until(shown.time_s + 10.0)
-    finally:
-        os.kill(viewer, signal.SIGCONT)
+    shown.until(shown.time_s + 4.0)
+    os.kill(viewer, signal.SIGKILL)
+    # `until` raises where a process ends that is needed
+    shown.until(shown.time_s + 2.0)
 
 
 def up(*arguments: str) -> Command:
@@ -245,41 +226,11 @@ def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes
         assert running.end()[2] == ""
 
 
-def test_a_recording_in_a_file_is_served_until_ctrl_c(tmp_path):
-    import rerun as rr
-
-    file = tmp_path / "run.rrd"
-    recording = rr.RecordingStream("mecazen", recording_id="one")
-    recording.save(file)
-    recording.log("text", rr.TextLog("hello"))
-    recording.flush()
-    view = Command("view", file)
-    assert_answers(view.read_until("http").split()[-1])
-    assert view.end()[2] == ""
-
-
-def recorded(scenario: str, seconds: float, folder: Path) -> Path:
-    """Simulate and record a scenario; return what is drawn of the recording."""
-    file = folder / "run.mcap"
-    assert mecazen("simulate", scenario, "--duration", seconds, "--record", file).returncode == 0
-    (drawn,) = draw(Recording(file), folder)
-    return drawn
-
-
-def test_a_recorded_run_is_shown_as_a_live_one(tmp_path, attach):
-    attach.open(str(recorded("side", 12, tmp_path)))
-    until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
-    state = attach.get_state()
-    (follow,) = (view.view_id for view in state.views if view.name == "following")
-    until_shown(lambda: attach.take_screenshot(follow), shows_the_scene)
-    (recording,) = state.recordings
-    assert {f"/{path}" for path in ("world/robot/roller", *ROBOT_PLOTS)} <= paths_of(
-        attach, recording
-    )
-
-
 def test_a_recorded_run_of_several_robots_is_shown_whole(tmp_path, attach):
-    attach.open(str(recorded("convoy", 4, tmp_path)))
+    file = tmp_path / "run.mcap"
+    assert mecazen("simulate", "convoy", "--duration", 4, "--record", file).returncode == 0
+    (drawn,) = draw(Recording(file), tmp_path)
+    attach.open(str(drawn))
     until_shown(attach.take_screenshot, shows_two_persons)
     (recording,) = attach.get_state().recordings
     paths = paths_of(attach, recording)
@@ -296,7 +247,7 @@ def test_a_recording_that_is_cut_off_is_shown_and_reported(tmp_path, monkeypatch
         writer.write("odom", Odometry(), stamp, 0)
         file.write_bytes(writer.path.read_bytes())
     view = Command("view", file)
-    view.read_until("http")
+    assert_answers(view.read_until("http").split()[-1])
     (line,) = view.end()[2].splitlines()
     assert line == f"{file}: the end of the file is missing; what is there was read"
 

@@ -197,6 +197,11 @@ class Scenario(Section):
         return frozenset(features)
 
     @property
+    def has_real_lidar(self) -> bool:
+        """Whether scans come from a real lidar, whose driver may send 0 for no return."""
+        return "sensors" not in self.services
+
+    @property
     def command_timeout_s(self) -> float:
         """Age above which the controller no longer obeys a command [s]."""
         if "guard" not in self.features:

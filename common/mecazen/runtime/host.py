@@ -224,9 +224,10 @@ class Host:
         return next(service for service in self.services if turn in service.turns)
 
     def close(self) -> None:
-        """Close the nodes."""
-        for turn in self.loop.turns:
-            turn.close()
+        """Close all nodes, also if one fails; then raise its error."""
+        with ExitStack() as exits:
+            for turn in reversed(self.loop.turns):
+                exits.callback(turn.close)
 
     def _make_loop(self, kinds: Mapping[str, Kind]) -> Loop:
         """Return the loop. Each output goes to the inputs that take it here, and to the bus."""

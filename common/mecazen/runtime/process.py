@@ -89,12 +89,13 @@ def _run_services(process: Process, scenario: Scenario) -> None:
             if first in OBSERVERS:
                 driver = observe(first, bus, scenario)
                 members.append(driver)
+                exits.callback(driver.close)
             else:
                 host = Host(parts, bus, scenario)
+                members.append(host)
+                exits.callback(host.close)
                 driver = Worker(host) if host.clock is None else Clock(host)
                 put = host.put
-                members.append(host)
-            exits.callback(members[0].close)
             if scenario.bus.ros2:
                 from mecazen_ros.node import RosNode, RosSession  # noqa: PLC0415  # optional
 

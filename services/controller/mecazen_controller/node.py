@@ -23,13 +23,11 @@ from mecazen.keys import (
 from mecazen.messages import diagonal_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ROUNDING_S
-from mecazen.wheels import MecanumKinematics, WheelSpeeds, wheel_values
+from mecazen.wheels import PLAUSIBLE_SPEED, MecanumKinematics, WheelSpeeds, wheel_values
 from mecazen.wire import NS_PER_S, RefusedError
 
 logger = logging.getLogger(__name__)
 
-FASTER = 1.5
-"""Multiple of the wheels' maximum speed beyond which a change of an angle is no motion."""
 MISMATCH = 0.2
 """Relative difference of a configured length from the robot's above which the controller warns.
 A calibration is within 10 %; a diameter or another unit in its place is at least a factor of 2."""
@@ -99,7 +97,8 @@ class OdometryNode(Node):
         if self.angles and angles and moved_s > 0.0:
             pairs = zip(angles, self.angles, strict=True)
             turning = WheelSpeeds(*((now - last) / moved_s for now, last in pairs))
-            if max(map(abs, turning)) <= FASTER * self.scenario.robot.wheels.max_speed_rad_s:
+            max_speed = self.scenario.robot.wheels.max_speed_rad_s
+            if max(map(abs, turning)) <= PLAUSIBLE_SPEED * max_speed:
                 mean = self._scaled(turning)
         self.pose = self.pose.integrate(mean, moved_s)
         self.angles = angles

@@ -212,6 +212,9 @@ class Association:
         """
         if not seen:
             return None
+        for track in self._others:
+            track.predict(time)
+        self._others = [track for track in self._others if not track.is_old]
         if len(seen) > CROWD:
             place = expected if person is None else person.pose
             seen = sorted(seen, key=lambda measurement: measurement.pose.distance(place))[:CROWD]
@@ -219,7 +222,7 @@ class Association:
             return self._restart(nearest(seen, expected))
         if unseen > self._patience:
             return self._restart(nearest(seen, person.pose))
-        mine, free = self._assign(time, person, seen, GATE if begins else NAMELESS_GATE)
+        mine, free = self._assign(person, seen, GATE if begins else NAMELESS_GATE)
         last = self._last if unseen > DOUBT_S else person.pose
         # a person out of sight may have stopped anywhere on the predicted path
         far = [
@@ -255,16 +258,13 @@ class Association:
         ]
 
     def _assign(
-        self, time: float, person: Estimate, seen: Sequence[Measurement], gate: float
+        self, person: Estimate, seen: Sequence[Measurement], gate: float
     ) -> tuple[Measurement | None, list[Measurement]]:
         """Return the person's measurement and those without a known track; update other tracks.
 
         Pairs of track and measurement are taken in the order of their likelihood, those with
         standing tracks first: a thing in front of a hidden person is not that person.
         """
-        for neighbour in self._others:
-            neighbour.predict(time)
-        self._others = [track for track in self._others if not track.is_old]
         tracks: list[OtherTrack | None] = [None, *self._others]
         named = any(
             detection.identity and detection.identity == self._identity for detection in seen

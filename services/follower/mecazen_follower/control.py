@@ -13,7 +13,6 @@ from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate, wrap
 TURN_SHARE = 0.5
 """Share of the rim speed that a turn to the person gets before the distance."""
 SIGNS = tuple(product((1.0, -1.0), repeat=3))
-UNLIMITED = Drive()
 HEADROOM = 0.2
 """Share of the wheel speed to keep in reserve; if following uses it, the robot turns to the
 person."""
@@ -66,7 +65,7 @@ class PolarController:
         self,
         standoff: Standoff,
         law: PolarControl,
-        drive: Drive = UNLIMITED,
+        drive: Drive,
         view: FieldOfView = ALL_AROUND,
     ) -> None:
         self.configure(standoff, law, drive, view)

@@ -9,11 +9,10 @@ from typing import NamedTuple
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.config.follower import PidControl
 from mecazen.drive import Drive
-from mecazen.geometry import Pose2D, StandoffErrors, Twist2D, rotate, wrap
+from mecazen.geometry import Pose2D, StandoffErrors, Twist2D, rotate
 
 from mecazen_follower.control import (
     ALL_AROUND,
-    UNLIMITED,
     FieldOfView,
     PolarController,
     PoseController,
@@ -22,11 +21,6 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import Plan
 from mecazen_follower.planner.mppi import Planner
 from mecazen_follower.tracker import Frame, PersonTracker, TrackingState
-
-MAX_STEP = 0.5
-"""A pose jumps if it changes by more than this [m, rad] in a tick ..."""
-MAX_SPEED = 10.0
-"""... and faster than this [m/s, rad/s]: a client has set the odometry."""
 
 SEARCH = 1.0
 """Yaw rate at which a robot without an all-around view searches for a lost person [rad/s]."""
@@ -56,7 +50,7 @@ class Following:
         self,
         config: FollowerConfig,
         sensor: SensorConfig,
-        drive: Drive = UNLIMITED,
+        drive: Drive,
         view: FieldOfView = ALL_AROUND,
         hold: float = 0.0,
         planner: Planner | None = None,
@@ -72,7 +66,6 @@ class Following:
         self._side = 1.0
         self._pending: deque[tuple[Twist2D, float]] = deque()
         """Commands to which the robot has not responded yet, with their durations [s]."""
-        self._robot: Pose2D | None = None
 
     def configure(self, config: FollowerConfig, drive: Drive, view: FieldOfView) -> None:
         """Continue with changed gains, limits or standoff."""
@@ -86,15 +79,16 @@ class Following:
         if self.planner is not None:
             self.planner.configure(config, drive)
 
+    def forget(self) -> None:
+        """Forget everything that has a place in odom, since odom has changed."""
+        self.people.forget()
+        self._controller.stop()
+        if self.planner is not None:
+            self.planner.forget()
+
     def step(self, time: float, dt: float, robot: Pose2D, frame: Frame | None) -> Step:
         """Compute the tick at `time` [s], `dt` [s] after the last one; base_link is at `robot`."""
-        if self._robot is not None and _jumped(self._robot, robot, dt):
-            self.people.forget()
-            self._controller.stop()
-            if self.planner is not None:
-                self.planner.forget()
         person = self.people.step(time, frame, self._standoff.person(robot))
-        self._robot = robot
         tracking, unseen = self.people.state, self.people.unseen
         if person is None:
             return Step(self._send(self._controller.stop(), dt), tracking, 0.0)
@@ -143,8 +137,3 @@ class Following:
         while math.fsum(duration for _, duration in self._pending) > self._response + dt / 2:
             self._pending.popleft()
         return command
-
-
-def _jumped(last: Pose2D, robot: Pose2D, dt: float) -> bool:
-    limit = max(MAX_STEP, MAX_SPEED * dt)
-    return last.distance(robot) > limit or abs(wrap(robot.yaw - last.yaw)) > limit

@@ -10,7 +10,7 @@ from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SensorConfig
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError, RefusedError
-from mecazen.geometry import Pose2D, PoseHistory, Twist2D, rotate
+from mecazen.geometry import Pose2D, PoseHistory, Twist2D, jumped, rotate
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
 from mecazen.messages import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
@@ -68,8 +68,7 @@ class FollowerNode(Node):
         if self.config.planner is not None:
             key, rate_hz = "follower.planner.rate_hz", self.config.planner.rate_hz
             ticks_per_sample(key, rate_hz, scenario.sim.tick_s)
-        x, y, _ = scenario.robot.lidar.position_m
-        self.lidar = Pose2D(x, y)
+        self.lidar = scenario.robot.lidar.pose
 
     def _warn_of_hidden_shoulders(self) -> None:
         """Log a warning if a camera beside the person is too near to see both shoulders."""
@@ -91,8 +90,13 @@ class FollowerNode(Node):
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         planner = make_planner(self.scenario, sensor, seed)
         self.following = Following(self.config, sensor, drive, view, hold_s, planner)
-        self.robot = PoseHistory(round((HISTORY_S + self.sensor.latency_s) * NS_PER_S))
+        self._forget_poses()
         self.state: m.FollowerState | None = None
+
+    def _forget_poses(self) -> None:
+        self.robot = PoseHistory(round((HISTORY_S + self.sensor.latency_s) * NS_PER_S))
+        self._pose: Pose2D | None = None
+        """The newest pose of the robot."""
 
     def configure(self, scenario: Scenario) -> None:
         """Use the changed configuration from now on."""
@@ -108,6 +112,10 @@ class FollowerNode(Node):
             period_s = self.scenario.sim.tick_s
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
+        if self._pose is not None and jumped(self._pose, robot, period_s):
+            self._forget_poses()
+            self.following.forget()
+        self._pose = robot
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
         # legs are observations too; with a camera, only camera frames can start a track
@@ -226,7 +234,14 @@ def make_planner(
         yaw = math.radians(scenario.robot.camera.yaw_deg)
         view = SensorView(yaw, half_fov, scenario.sensors.tracker.max_range_m)
     body = Extents(*scenario.robot.footprint, scenario.world.person.radius_m)
-    return kind(scenario.follower, Drive.from_scenario(scenario), body, view, seed)
+    return kind(
+        scenario.follower,
+        Drive.from_scenario(scenario),
+        body,
+        view,
+        seed,
+        has_real_lidar=scenario.has_real_lidar,
+    )
 
 
 def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:

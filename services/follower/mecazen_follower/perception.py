@@ -9,7 +9,7 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.geometry import Pose2D
 from mecazen.keys import LEGS, OBSERVATION, SCAN, SKELETONS
-from mecazen.messages import LaserScan, PlanarCovariance, Skeleton, ros_covariance
+from mecazen.messages import PlanarCovariance, Skeleton, ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.scan import BOTH_LEGS_M, LEG_M, Clusters, by_person, clusters, ranges_of
 from mecazen.skeleton import INDEX
@@ -90,11 +90,6 @@ DEPTH_M = 0.035
 """Distance from the mean of the points on a shank to its axis [m]."""
 
 
-def clusters_of(scan: LaserScan) -> Clusters:
-    """Return everything that a scan shows, in the lidar's frame."""
-    return clusters(scan, ranges_of(scan), GAP_M)
-
-
 def persons(clusters: Clusters) -> list[tuple[Pose2D, PlanarCovariance]]:
     """Return poses of possible persons in the lidar's frame, and their covariances.
 
@@ -146,8 +141,7 @@ class LegsNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        x, y, _ = scenario.robot.lidar.position_m
-        self.lidar = Pose2D(x, y)
+        self.lidar = scenario.robot.lidar.pose
 
     def reset(self, seed: int) -> None:
         """Do nothing: scans are independent."""
@@ -156,11 +150,12 @@ class LegsNode(Node):
         """Return poses of possible persons in base_link."""
         del tick
         scan = inputs[SCAN]
+        ranges = ranges_of(scan, is_real=self.scenario.has_real_lidar)
         found = [
             m.PoseWithCovariance(
                 pose=m.Pose.planar(self.lidar.compose(pose)), covariance=ros_covariance(covariance)
             )
-            for pose, covariance in persons(clusters_of(scan))
+            for pose, covariance in persons(clusters(scan, ranges, GAP_M))
         ]
         header = m.Header(stamp=scan.header.stamp, frame_id="base_link")
         return {LEGS: m.Observation(header=header, poses=tuple(found))}

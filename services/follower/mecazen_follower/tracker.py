@@ -76,21 +76,26 @@ class ReportedNoise:
 
     def __init__(self) -> None:
         self._ratios = 1.0, 1.0
-        self._last: tuple[float, Pose2D] | None = None
-        self._step: tuple[float, Pose2D] | None = None
-        """The last period [s], and the difference of the poses over it."""
+        self._frames: deque[tuple[float, Pose2D]] = deque(maxlen=3)
+        """Times [s] and poses of the last frames of one track, none far from the next."""
+
+    def interrupt(self) -> None:
+        """Keep the ratios, but compare no frame before with any after: a new track begins."""
+        self._frames.clear()
 
     def learn(self, time: float, pose: Pose2D, covariance: PlanarCovariance) -> None:
         """Learn from a measurement captured at `time` [s], with its `corrected` covariance."""
-        last, before = self._last, self._step
-        self._last, self._step = (time, pose), None
-        if last is None or time - last[0] > LONGEST_FRAME_S:
+        if self._frames and time - self._frames[-1][0] > LONGEST_FRAME_S:
+            self.interrupt()
+        self._frames.append((time, pose))
+        if len(self._frames) < 3:
             return
-        dt, (x, y, yaw) = time - last[0], last[1]
-        self._step = dt, Pose2D(pose.x - x, pose.y - y, wrap(pose.yaw - yaw))
-        if before is None or not math.isclose(before[0], dt, rel_tol=0.01):
+        (begin, first), (middle, second), (end, third) = self._frames
+        dt = end - middle
+        if not math.isclose(middle - begin, dt, rel_tol=0.01):
             return
-        xx, yy, ww = ((b - a) ** 2 / 6.0 for a, b in zip(before[1], self._step[1], strict=True))
+        steps = zip(_step(first, second), _step(second, third), strict=True)
+        xx, yy, ww = ((after - before) ** 2 / 6.0 for before, after in steps)
         (rxx, _, _), (_, ryy, _), (_, _, rww) = covariance
         weight = -math.expm1(-dt / MEMORY_S)
         ratios = (xx + yy) / (rxx + ryy), ww / rww
@@ -138,10 +143,6 @@ class PersonTracker:
 
     def __init__(self, config: FollowerConfig, sensor: SensorConfig, hold: float = 0.0) -> None:
         self.estimator = make_estimator(config.estimator, config.estimator_params)
-        self.state = TrackingState.WAITING
-        self.unseen = 0.0
-        """Time since the person was last seen [s]; 0 before that."""
-        self._last_seen: float | None = None
         # ticks between two frames of the sensor do not count as unseen
         missed = MISSED_FRAMES / sensor.rate_hz
         self._coast_after = max(config.coast_after_s, missed)
@@ -151,17 +152,26 @@ class PersonTracker:
         self._noise = ReportedNoise()
         self._latency = self._least_latency = sensor.latency_s
         self._latencies: deque[float] = deque(maxlen=FRAMES)
-        self._time: float | None = None
-        """The estimator's time [s]."""
         self._captured = {True: -math.inf, False: -math.inf}
         """Capture time of the newest frame with a person [s], by `Frame.begins`."""
         self._hold = hold
-        self._waiting: list[Frame] = []
+        self.forget()
 
     def forget(self) -> None:
-        """Discard the person, since the estimate refers to another place."""
-        self.estimator.reset()
+        """Discard the person and all frames, since they refer to another place."""
+        self.state = TrackingState.WAITING
+        self.unseen = 0.0
+        """Time since the person was last seen [s]; 0 before that."""
+        self._last_seen: float | None = None
+        self._waiting: list[Frame] = []
         self._association.reset()
+        self._end_track()
+
+    def _end_track(self) -> None:
+        self.estimator.reset()
+        self._noise.interrupt()
+        self._time: float | None = None
+        """Time of the estimate [s]; None if there is none."""
 
     def add(self, frame: Frame) -> None:
         """Add a frame for the next step, in addition to the step's `frame`."""
@@ -181,8 +191,10 @@ class PersonTracker:
             if self._see(time, due, expected):
                 self._last_seen = time
         self._update_state(time)
-        at = self._predict(time - self._latency)
-        person = self.estimator.ahead(max(time - at, 0.0))
+        if self._time is None:
+            return None
+        self._predict(time - self._latency)
+        person = self.estimator.ahead(max(time - self._time, 0.0))
         return person if person is None or self._bias is None else _biased(person, *self._bias)
 
     def _update_state(self, time: float) -> None:
@@ -209,56 +221,58 @@ class PersonTracker:
         """Correct the estimate; return whether the frame shows the person."""
         captured, measurements, begins = frame
         lost = self.state is TrackingState.LOST
-        known = [
-            measurement._replace(covariance=as_tuple(self.estimator.noise(measurement.covariance)))
-            for measurement in measurements
-        ]
-        if not known or captured <= self._captured[begins] or captured < self._captured[not begins]:
-            return False  # the frame is empty, or older than the estimate
-        if not begins and (lost or self.estimator.estimate is None):
+        is_late = captured <= self._captured[begins] or captured < self._captured[not begins]
+        if not measurements or is_late or (not begins and (lost or self._time is None)):
             return False
         self._captured[begins] = captured
         self._latencies.append(time - captured)
         latency = max(self._least_latency, *self._latencies)
         if not -ROUNDING_S <= latency - self._latency <= 0.0:
             self._latency = latency
-        self._predict(captured)
-        person = self.estimator.estimate
-        if not self.estimator.predicts:
-            pose = expected if person is None else person.pose
-            self.estimator.update(*nearest(known, pose)[:2])
-            return True
+        person = None
+        if self._time is not None:
+            self._predict(captured)
+            person = self.estimator.estimate
         known = [
-            self._noise.correct(_headed(measurement, person, expected)) for measurement in known
+            measurement._replace(covariance=as_tuple(self.estimator.noise(measurement.covariance)))
+            for measurement in measurements
         ]
-        choice = self._association.choose(
-            captured,
-            person,
-            expected,
-            known,
-            unseen=self.unseen,
-            lost=lost,
-            begins=begins,
-        )
-        if choice is None:
-            return False
-        (pose, covariance, _), restart = choice
-        if restart:
-            self.estimator.reset()
-            self._time = captured
+        if not self.estimator.predicts:
+            pose, covariance, _ = nearest(known, expected if person is None else person.pose)
+        else:
+            known = [
+                self._noise.correct(_headed(measurement, person, expected)) for measurement in known
+            ]
+            choice = self._association.choose(
+                captured,
+                person,
+                expected,
+                known,
+                unseen=self.unseen,
+                lost=lost,
+                begins=begins,
+            )
+            if choice is None:
+                return False
+            (pose, covariance, _), restart = choice
+            if restart:
+                self._end_track()
+            if begins:
+                self._noise.learn(captured, pose, covariance)
         self.estimator.update(pose, covariance)
-        if begins:
-            self._noise.learn(captured, pose, covariance)
+        if self._time is None:
+            self._time = captured
         return True
 
-    def _predict(self, time: float) -> float:
-        """Propagate the estimator to `time` [s], unless its time is later; return its time."""
-        if self._time is None:
-            self._time = time
-        elif time > self._time:
+    def _predict(self, time: float) -> None:
+        """Propagate the estimate to `time` [s], unless its time is later."""
+        if self._time is not None and time > self._time:
             self.estimator.predict(time - self._time)
             self._time = time
-        return self._time
+
+
+def _step(begin: Pose2D, end: Pose2D) -> Pose2D:
+    return Pose2D(end.x - begin.x, end.y - begin.y, wrap(end.yaw - begin.yaw))
 
 
 def _biased(person: Estimate, place_std: float, yaw_std: float) -> Estimate:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.arrays import to_rectangle
-from mecazen.drive import Drive, LimiterState, bounds, slow_down
+from mecazen.drive import UNLIMITED, Drive, LimiterState, bounds, slow_down
 from mecazen.geometry import Twist2D
 from mecazen.portable import Floats
 
@@ -40,8 +40,6 @@ RECOVERY_S = 0.5
 TOLERANCE_M = 1e-6
 BESIDE_M = 0.15
 """The search ignores points whose clearance exceeds the required one by this much [m]."""
-UNLIMITED = 1e6
-"""Acceleration of an axis without a limit [m/s², rad/s²]."""
 NO_POINTS = np.empty((0, 2))
 
 

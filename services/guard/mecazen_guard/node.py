@@ -8,7 +8,7 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.drive import Drive
 from mecazen.errors import RefusedError
-from mecazen.geometry import Pose2D, PoseHistory, Twist2D
+from mecazen.geometry import Pose2D, PoseHistory, Twist2D, jumped
 from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ROUNDING_S
@@ -23,8 +23,6 @@ SILENT_SCANS = 3.0
 """Number of scan periods without a scan after which a lidar counts as silent."""
 PERSON_STOP_S = 0.3
 """Shortest time in which a walking person can come to rest."""
-JUMP_M = 0.5
-"""If the odometry moves farther in a tick, a client has set it [m]."""
 STOPPED = 0.02
 """With a smaller factor the reported state is `stop`."""
 SIDES = "ahead", "to the left", "behind", "to the right"
@@ -38,9 +36,9 @@ class GuardNode(Node):
         config, lidar, robot = scenario.guard, scenario.sensors.lidar, scenario.robot
         self.timeout_s = scenario.controller.reference_timeout_s
         self.silence_s = SILENT_SCANS / lidar.rate_hz
-        x, y, _ = robot.lidar.position_m
-        is_real = "sensors" not in scenario.services
-        self.surroundings = Surroundings(config, lidar, Pose2D(x, y), is_real=is_real)
+        self.surroundings = Surroundings(
+            config, lidar, robot.lidar.pose, is_real=scenario.has_real_lidar
+        )
         drive = Drive.from_scenario(scenario)
         self.guard = Guard(robot.footprint, drive, _reaction_s(scenario), PERSON_STOP_S)
 
@@ -81,7 +79,7 @@ class GuardNode(Node):
         pose = odom.pose.pose.to_planar()
         if len(self.poses) == 0 or tick.period_s > self._obeyed_s + ROUNDING_S:
             self.guard.begin(odom.twist.twist.to_planar())
-        elif self.pose.distance(pose) > JUMP_M:
+        elif jumped(self.pose, pose, tick.period_s):
             self.surroundings.forget()
             self.poses = PoseHistory(HISTORY_NS)
             self.fault = "the odometry was set, and there is no scan since"
@@ -94,17 +92,12 @@ class GuardNode(Node):
         return self.scenario.command_timeout_s + self.scenario.sim.tick_s
 
     def _see(self, now: float, scan: m.LaserScan, inputs: Inputs) -> None:
-        fault = self.surroundings.implausible(scan, now)
-        if not fault:
-            try:
-                robot = self.poses.at(scan.header.stamp.ns)
-            except RefusedError as refusal:
-                fault = str(refusal)
-        self.fault = fault
-        if fault:
-            inputs.refuse(SCAN, fault)
-        else:
-            self.surroundings.update(scan, robot)
+        self.fault = ""
+        try:
+            self.surroundings.update(scan, now, self.poses)
+        except RefusedError as refusal:
+            self.fault = str(refusal)
+            inputs.refuse(SCAN, self.fault)
 
     def _decide(self, tick: Tick, wanted: Twist2D) -> tuple[Verdict, str]:
         """Return the verdict, and the fault of the lidar; "" if it has none."""

@@ -8,7 +8,8 @@ import numpy as np
 from mecazen.arrays import between, rotate
 from mecazen.config import GuardConfig
 from mecazen.config.sensors import LidarConfig
-from mecazen.geometry import Pose2D
+from mecazen.errors import RefusedError
+from mecazen.geometry import Pose2D, PoseHistory
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats
 from mecazen.scan import (
@@ -89,28 +90,21 @@ class Surroundings:
         self.time: float | None = None
         """Time of the newest scan [s]; None if there is none."""
 
-    def implausible(self, scan: LaserScan, now: float) -> str:
-        """Return the fault of a scan that arrives at `now` [s]; "" if it has none."""
-        stamp, beams = scan.header.stamp.ns / NS_PER_S, len(scan.ranges)
-        if stamp > now + 1e-9:
-            return f"the stamp of a scan is {stamp - now:.3g} s ahead"
-        if self.time is not None and stamp <= self.time:
-            return "a scan is not newer than the last"
-        if beams < self._lidar.beams:
-            return f"a scan has {beams} beams instead of {self._lidar.beams}"
-        if not math.radians(self._lidar.fov_deg) * 0.99 <= beams * scan.angle_increment <= 7.0:
-            return "the beams of a scan are not spread over the field of view"
-        ranges = ranges_of(scan, is_real=self._is_real)
-        invalid = float(np.mean(~(ranges >= scan.range_min)))  # NaN is invalid too
-        if invalid > INVALID_SHARE:
-            return f"{invalid:.0%} of the beams are invalid"
-        return ""
+    def update(self, scan: LaserScan, now: float, poses: PoseHistory) -> None:
+        """Update with a scan that arrives at `now` [s].
 
-    def update(self, scan: LaserScan, robot: Pose2D) -> None:
-        """Update with a scan that was captured with base_link at `robot` in odom."""
+        Args:
+            scan: The scan.
+            now: Time of its arrival [s].
+            poses: Past poses of base_link in odom.
+
+        Raises:
+            RefusedError: The scan is not plausible, or no pose is known at its stamp.
+        """
+        ranges = self._plausible_ranges(scan, now)
+        lidar = poses.at(scan.header.stamp.ns).compose(self._mount)
         self.time = scan.header.stamp.ns / NS_PER_S
-        ranges = _with_hidden(scan, ranges_of(scan, is_real=self._is_real))
-        seen = clusters(scan, ranges, GAP_M, FARTHEST_M).moved(robot.compose(self._mount))
+        seen = clusters(scan, _with_hidden(scan, ranges), GAP_M, FARTHEST_M).moved(lidar)
         if not len(seen.xy):
             self._walkers.update(self.time, ())
             self._points = Points()
@@ -135,6 +129,22 @@ class Surroundings:
             np.concatenate((margins[cluster], margins[cluster][moves])),
             np.arange(len(xy) + moves.sum()) < len(xy),
         )
+
+    def _plausible_ranges(self, scan: LaserScan, now: float) -> Floats:
+        stamp, beams = scan.header.stamp.ns / NS_PER_S, len(scan.ranges)
+        if stamp > now + 1e-9:
+            raise RefusedError(f"the stamp of a scan is {stamp - now:.3g} s ahead")
+        if self.time is not None and stamp <= self.time:
+            raise RefusedError("a scan is not newer than the last")
+        if beams < self._lidar.beams:
+            raise RefusedError(f"a scan has {beams} beams instead of {self._lidar.beams}")
+        if not math.radians(self._lidar.fov_deg) * 0.99 <= beams * scan.angle_increment <= 7.0:
+            raise RefusedError("the beams of a scan are not spread over the field of view")
+        ranges = ranges_of(scan, is_real=self._is_real)
+        invalid = float(np.mean(~(ranges >= scan.range_min)))  # NaN is invalid too
+        if invalid > INVALID_SHARE:
+            raise RefusedError(f"{invalid:.0%} of the beams are invalid")
+        return ranges
 
     def seen_from(self, robot: Pose2D) -> Points:
         """Return the points in base_link, with base_link at `robot` in odom."""

@@ -11,12 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from mecazen.wheels import WheelSpeeds
+from mecazen.wheels import PLAUSIBLE_SPEED, WheelSpeeds
 
 from mecazen_hardware.board import WheelAngles
 
-FASTER = 1.5
-"""Multiple of the wheels' maximum speed beyond which a change of angle counts as a jump."""
 BELIEVED_AFTER = 2
 """Number of reports in a row after which a wheel continues from the angle to which it jumped."""
 MOST_CYCLES = 100
@@ -55,7 +53,7 @@ class WheelEstimator:
         interval_s = self._cycle_s * max(1, round(min(elapsed_s / self._cycle_s, MOST_CYCLES)))
         pairs = zip(report.angles, (self._last or report).angles, strict=True)
         change = _four(math.remainder(new - old, report.span) for new, old in pairs)
-        most = FASTER * self._max_speed * interval_s
+        most = PLAUSIBLE_SPEED * self._max_speed * interval_s
         if max(map(abs, change)) > most:
             self.jumps += 1
             self._doubted += 1

@@ -26,7 +26,7 @@ class CameraView:
     """A pinhole camera on a robot: its pose and field of view."""
 
     def __init__(self, mount: CameraMount, config: TrackerConfig | DepthConfig) -> None:
-        self._place = mount.position_m
+        self._mount = mount
         self.axes = np.array(mount.axes)
         """Unit vectors in base_link (3, 3): its rows point ahead, to the left and up."""
         self.wide = math.tan(math.radians(config.horizontal_fov_deg) / 2)
@@ -43,9 +43,8 @@ class CameraView:
 
     def position(self, robot: Pose2D) -> Floats:
         """Return the optical centre in the world (3,) [m], for a robot at a pose in the world."""
-        c, s = math.cos(robot.yaw), math.sin(robot.yaw)
-        x, y, z = self._place
-        return np.array((robot.x + c * x - s * y, robot.y + s * x + c * y, z))
+        x, y, _ = robot.compose(self._mount.pose)
+        return np.array((x, y, self._mount.position_m[2]))
 
     def look(self, vectors: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
         """Return depths [m] of points, and whether they are in view.

@@ -51,9 +51,8 @@ class Lidar:
     def scan(self, scene: RayScene, robot: Pose2D, time: m.Time) -> m.LaserScan:
         """Return the scan of the robot at a true pose; `header.stamp` is `time`."""
         config, mount = self._config, self._mount
-        c, s = math.cos(robot.yaw), math.sin(robot.yaw)
-        x, y, z = mount.position_m
-        origin = np.array((robot.x + c * x - s * y, robot.y + s * x + c * y, z))
+        x, y, _ = robot.compose(mount.pose)
+        origin = np.array((x, y, mount.position_m[2]))
         directions = rotate(self._beams, robot.yaw)
         noise: Floats = self._random.standard_normal(config.beams)
         lost = self._random.random(config.beams) < config.dropout_probability

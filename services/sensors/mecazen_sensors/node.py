@@ -20,6 +20,8 @@ from mecazen_sensors.lidar import Lidar
 from mecazen_sensors.raycast import CARRIER, RayScene
 from mecazen_sensors.tracker import BodyTracker
 
+NO_PERSON: Outputs = {SKELETONS: m.Skeletons(header=m.Header(frame_id="base_link"))}
+
 
 class _Sensor(Node):
     """A sensor on the robot that sees people, other robots, obstacles and the ground."""
@@ -32,10 +34,9 @@ class _Sensor(Node):
         self.followed = scenario.robot_name or "target"
         """The name of the person whom this robot follows."""
         self.robots = [scenario.robot, *scenario.others.values()]
-        self.scene = RayScene(scenario.world, self.robots)
-        self.people = m.People()
-        """All people and robots, as last received."""
         self.period = scenario.ticks_per(f"{self.key}.rate_hz")
+        self.latency = 0
+        """Ticks from a capture to the arrival of its frame."""
         self._check_captures(self.period)
 
     def _check_captures(self, ticks: int) -> None:
@@ -46,33 +47,40 @@ class _Sensor(Node):
                 f"sensors.skeleton_rate_hz = {self.scenario.sensors.skeleton_rate_hz:g}"
             )
 
+    def reset(self, seed: int) -> None:
+        """Begin a run in which no person and no other robot is known."""
+        self.scene = RayScene(self.scenario.world, self.robots)
+        self.people = m.People()
+        """All people and robots, as last received."""
+
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return a measurement when one is due.
 
         In real time the robot's pose may come too late for its tick. A sensor then skips the frame.
         """
-        if tick.number % self.period or inputs.get(GROUND_TRUTH) is None:
+        self.people = inputs.get(PEOPLE) or self.people
+        if (tick.number + self.latency) % self.period or inputs.get(GROUND_TRUTH) is None:
             return {}
-        robot, _ = self._place(inputs)
-        return self._capture(robot, tick.time)
+        robot, people = self._place(inputs)
+        return self._capture(robot, people, tick.time)
 
-    def _capture(self, robot: Pose2D, time: m.Time) -> Outputs:
-        """Return the measurement from a true pose of the robot."""
+    def _capture(self, robot: Pose2D, people: dict[str, Floats], time: m.Time) -> Outputs:
+        """Return the measurement from a true pose of the robot, with the joints of all people."""
         raise NotImplementedError
 
-    def _place(self, inputs: Inputs) -> tuple[Pose2D, list[Floats]]:
-        """Place all people and robots; return the robot's pose and the joints of all people.
+    def _place(self, inputs: Inputs) -> tuple[Pose2D, dict[str, Floats]]:
+        """Place all people and robots; return the robot's pose and the joints of all people by id.
 
-        The person whom the robot follows is the first, and the others keep their order.
+        The person whom the robot follows is the first, and the others keep their order. People who
+        are no longer reported are removed. If no report comes, all stand still, as in physics.
         """
         robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
-        self.people = inputs.get(PEOPLE) or self.people
-        bodies: list[m.Skeleton | m.Person] = [inputs[TARGET_SKELETON]]
-        bodies += [
-            person
+        bodies: dict[str, m.Skeleton | m.Person] = {self.followed: inputs[TARGET_SKELETON]}
+        bodies |= {
+            person.id: person
             for person in self.people.persons
             if person.id != self.followed and len(person.joints) == len(JOINTS)
-        ]
+        }
         if len(bodies) > self.scene.people:
             self.scene = RayScene(self.scenario.world, self.robots, len(bodies))
         self.scene.place_robot(CARRIER, robot)
@@ -80,10 +88,14 @@ class _Sensor(Node):
         for number, name in enumerate(self.scenario.others, 1):
             if name in poses:
                 self.scene.place_robot(number, poses[name])
-        joints = [np.array([(p.x, p.y, p.z) for p in body.joints]) for body in bodies]
-        for number, body in enumerate(bodies):
-            self.scene.place_person(number, joints[number], body.height)
-        return robot, joints
+        people = {
+            name: np.array([(p.x, p.y, p.z) for p in body.joints]) for name, body in bodies.items()
+        }
+        for number, (name, body) in enumerate(bodies.items()):
+            self.scene.place_person(number, people[name], body.height)
+        for number in range(len(bodies), self.scene.people):
+            self.scene.remove_person(number)
+        return robot, people
 
 
 class LidarNode(_Sensor):
@@ -93,9 +105,10 @@ class LidarNode(_Sensor):
 
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""
+        super().reset(seed)
         self.lidar = Lidar(self.scenario.sensors.lidar, self.scenario.robot.lidar, seed)
 
-    def _capture(self, robot: Pose2D, time: m.Time) -> Outputs:
+    def _capture(self, robot: Pose2D, people: dict[str, Floats], time: m.Time) -> Outputs:
         return {SCAN: self.lidar.scan(self.scene, robot, time)}
 
 
@@ -106,34 +119,43 @@ class DepthNode(_Sensor):
 
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""
+        super().reset(seed)
         self.camera = DepthCamera(self.scenario.sensors.depth, self.scenario.robot.camera, seed)
 
-    def _capture(self, robot: Pose2D, time: m.Time) -> Outputs:
+    def _capture(self, robot: Pose2D, people: dict[str, Floats], time: m.Time) -> Outputs:
         image = self.camera.picture(self.scene, robot, time)
         return {DEPTH: image, CAMERA_INFO: self.camera.info(time)}
 
 
 class TrackerNode(_Sensor):
-    """Tracks the joints of persons."""
+    """Tracks the joints of persons; its frames arrive late."""
 
     key = "sensors.tracker"
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         latency_s, tick_s = scenario.sensors.tracker.latency_s, scenario.sim.tick_s
-        self._check_captures(whole_ticks(f"{self.key}.latency_s", latency_s, tick_s))
+        self.latency = whole_ticks(f"{self.key}.latency_s", latency_s, tick_s)
+        self._check_captures(self.latency)
 
     def reset(self, seed: int) -> None:
         """Begin a run with errors from `seed`."""
+        super().reset(seed)
         config, mount = self.scenario.sensors.tracker, self.scenario.robot.camera
-        self.tracker = BodyTracker(config, mount, seed, self.scenario.sim.tick_s)
+        self.tracker = BodyTracker(config, mount, seed, self.period * self.scenario.sim.tick_s)
+        self.in_transit: dict[int, Outputs] = {}
+        """Frames by the tick of their arrival."""
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the frame that arrives, if one does."""
-        robot, people = Pose2D(), list[Floats]()
-        if self.tracker.captures(tick.number):
-            if inputs.get(GROUND_TRUTH) is None:
-                return {}
-            robot, people = self._place(inputs)
-        frame = self.tracker.observe(tick.number, self.scene, robot, people)
-        return {} if frame is None else {SKELETONS: frame}
+        """Return the frame that arrives, if one does.
+
+        A frame whose capture was missed, or was before the start, shows no person.
+        """
+        if frame := super().step(tick, inputs):
+            self.in_transit[tick.number + self.latency] = frame
+        arrived = self.in_transit.get(tick.number, NO_PERSON)
+        self.in_transit = {due: f for due, f in self.in_transit.items() if due > tick.number}
+        return {} if tick.number % self.period else arrived
+
+    def _capture(self, robot: Pose2D, people: dict[str, Floats], time: m.Time) -> Outputs:
+        return {SKELETONS: self.tracker.capture(self.scene, robot, people, time)}

@@ -114,6 +114,10 @@ class RayScene:
         self._sizes[geoms, 0], self._sizes[geoms, 1] = radii, half
         self._reach[geoms] = radii + half * np.abs(axes[:, 2])
 
+    def remove_person(self, person: int) -> None:
+        """Make a person absent until they are placed again."""
+        self._positions[self._people[person], 2] = NOWHERE_M
+
     def cast(
         self,
         origin: Floats,

@@ -12,8 +12,7 @@ noisier, lags behind, and is pulled towards the posture of the other leg.
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from mecazen import messages as m
@@ -23,7 +22,6 @@ from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, product
 from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
-from mecazen.ticks import ticks_per_sample, whole_ticks
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 
@@ -120,18 +118,20 @@ class BodyTracker:
 
     The number of random draws per frame and person does not depend on visibility. Each person has a
     separate generator, so an additional person does not change the errors of the others.
+
+    Args:
+        config: The tracker's data sheet.
+        mount: Pose of the camera on the robot.
+        seed: Seed of the errors.
+        frame_s: Time from one frame to the next [s].
     """
 
-    def __init__(self, config: TrackerConfig, mount: CameraMount, seed: int, tick_s: float) -> None:
+    def __init__(
+        self, config: TrackerConfig, mount: CameraMount, seed: int, frame_s: float
+    ) -> None:
         self._config, self._seed = config, seed
         self._camera = CameraView(mount, config)
         self._place = np.array(mount.position_m)
-        self._tick_ns = round(tick_s * NS_PER_S)
-        self._period = ticks_per_sample("sensors.tracker.rate_hz", config.rate_hz, tick_s)
-        self._latency = whole_ticks("sensors.tracker.latency_s", config.latency_s, tick_s)
-        self._frames: deque[tuple[int, m.Skeletons]] = deque()
-        """Frames in transit, with the ticks of their captures."""
-        frame_s = self._period * tick_s
         self._keep = math.exp(-frame_s / config.drift_time_s)
         self._fresh = math.sqrt(1.0 - self._keep**2)
         self._follow = 1.0 - math.exp(-frame_s / config.hidden_lag_s)
@@ -146,56 +146,45 @@ class BodyTracker:
         self._guess_variance = (scales(GUESSED_STD_M) * self._pull) ** 2
         # over three orders of harmonics
         self._bias_weights: Floats = np.repeat(bias, 3)[:, None] / math.sqrt(3.0)
-        self._bodies: list[_TrackedBody] = []
+        self._bodies: dict[str, _TrackedBody] = {}
         self._names = 0
 
-    def captures(self, tick: int) -> bool:
-        """Return whether a frame is captured at `tick`, so that the scene must be up to date."""
-        return (tick + self._latency) % self._period == 0
-
-    def observe(
-        self, tick: int, scene: RayScene, robot: Pose2D, people: Sequence[Floats]
-    ) -> m.Skeletons | None:
-        """Return the frame that arrives at `tick`; None at ticks without one.
-
-        A frame whose capture was missed, or was before the start, shows no person.
-        """
-        if self.captures(tick):
-            self._frames.append((tick, self._capture(tick, scene, robot, people)))
-        if tick % self._period:
-            return None
-        captured = tick - self._latency
-        while self._frames and self._frames[0][0] < captured:
-            self._frames.popleft()
-        if self._frames and self._frames[0][0] == captured:
-            return self._frames.popleft()[1]
-        return m.Skeletons(header=m.Header(frame_id="base_link"))
-
-    def _capture(
-        self, tick: int, scene: RayScene, robot: Pose2D, people: Sequence[Floats]
+    def capture(
+        self, scene: RayScene, robot: Pose2D, people: Mapping[str, Floats], time: m.Time
     ) -> m.Skeletons:
-        while len(self._bodies) < len(people):
-            number = len(self._bodies)
-            bits = PCG64([self._seed, number] if number else self._seed)
-            self._bodies.append(_TrackedBody(Generator(bits), self._bias_weights))
+        """Return the frame from a true pose of the robot; `header.stamp` is `time`.
+
+        Args:
+            scene: The world, in which all people are placed.
+            robot: True pose of the robot.
+            people: Joints of all people (20, 3) [m], by id, in the order of the scene's numbers.
+            time: Time of the capture.
+        """
+        for name in people:
+            if name not in self._bodies:
+                number = len(self._bodies)
+                bits = PCG64([self._seed, number] if number else self._seed)
+                self._bodies[name] = _TrackedBody(Generator(bits), self._bias_weights)
+        for name, body in self._bodies.items():
+            if name not in people:
+                body.unseen += 1
         camera = self._camera.position(robot)
-        rays = np.concatenate(people) - camera
+        rays = np.concatenate(list(people.values())) - camera
         distances = np.sqrt(np.einsum("ij,ij->i", rays, rays))
         ranges, hits = scene.cast(camera, rays / distances[:, None], CARRIER)
         vectors = rotate(rays, -robot.yaw)
         depths, inside = self._camera.look(vectors)
-        time = m.Time.from_ns(tick * self._tick_ns)
         if any(begin <= time.ns / NS_PER_S <= end for begin, end in self._config.occlusions_s):
             inside[:] = False
         reached, numbers, seen = (ranges >= distances).tolist(), hits.tolist(), inside.tolist()
         header = m.Header(stamp=time, frame_id="base_link")
         skeletons = []
-        for number, body in enumerate(self._bodies[: len(people)]):
+        for number, name in enumerate(people):
             rows = slice(number * COUNT, (number + 1) * COUNT)
             first = scene.limbs(number).start
             limbs = [n - first if 0 <= n - first < FOREIGN else FOREIGN for n in numbers[rows]]
             view = vectors[rows], depths[rows], seen[rows], reached[rows], limbs
-            skeleton = self._report(body, header, *view)
+            skeleton = self._report(self._bodies[name], header, *view)
             if skeleton is not None:
                 skeletons.append(skeleton)
         return m.Skeletons(header=header, skeletons=tuple(skeletons))

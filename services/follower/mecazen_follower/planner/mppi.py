@@ -75,15 +75,23 @@ class Planner:
         body: Sizes of robot and person.
         view: Field of view of the sensor that sees the person.
         seed: Seed of the samples; they are the same at each plan.
+        has_real_lidar: Whether scans come from a real lidar, see `ranges_of`.
 
     Attributes:
         plan: The current plan, with its reason.
     """
 
     def __init__(
-        self, config: FollowerConfig, drive: Drive, body: Extents, view: SensorView, seed: int
+        self,
+        config: FollowerConfig,
+        drive: Drive,
+        body: Extents,
+        view: SensorView,
+        seed: int,
+        *,
+        has_real_lidar: bool = False,
     ) -> None:
-        self._body, self._view = body, view
+        self._body, self._view, self._has_real_lidar = body, view, has_real_lidar
         self.configure(config, drive)
         self._noise = noise(self._config.samples, seed)
         self.forget()
@@ -101,7 +109,7 @@ class Planner:
     def forget(self) -> None:
         """Forget everything, since odom has changed."""
         self.rest()
-        self._map = LocalMap()
+        self._map = LocalMap(is_real=self._has_real_lidar)
         self._trail: deque[tuple[float, float]] = deque()
         """The person's past positions in odom, oldest first."""
         self._person: Estimate | None = None

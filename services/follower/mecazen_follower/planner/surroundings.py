@@ -10,10 +10,10 @@ from mecazen.drive import Array
 from mecazen.geometry import Pose2D
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats, arctan2
-from mecazen.scan import BOTH_LEGS_M, ranges_of
+from mecazen.scan import BOTH_LEGS_M, clusters, ranges_of
 from mecazen.walkers import STILL_M_S, Walkers
 
-from mecazen_follower.perception import clusters_of, persons
+from mecazen_follower.perception import GAP_M, persons
 
 VOXEL_M = 0.1
 """One point is kept per square of this width [m]."""
@@ -40,39 +40,44 @@ MOST_BINS = 12
 
 
 class LocalMap:
-    """Everything that the lidar sees except the followed person, in odom."""
+    """Everything that the lidar sees except the followed person, in odom.
 
-    def __init__(self) -> None:
+    Args:
+        is_real: Whether scans come from a real lidar, whose driver may send 0 for no return.
+    """
+
+    def __init__(self, *, is_real: bool = False) -> None:
+        self._is_real = is_real
         self._walkers = Walkers()
         self._points: Floats = np.empty((0, 2))
         self._times: Floats = np.empty(0)
 
     def see(self, time: float, scan: LaserScan, lidar: Pose2D, person: Pose2D) -> None:
         """Update with a scan that was captured at `time` [s] with the lidar at a pose in odom."""
-        clusters = clusters_of(scan)
-        poses = [lidar.compose(pose) for pose, _ in persons(clusters)]
+        ranges = ranges_of(scan, is_real=self._is_real)
+        seen = clusters(scan, ranges, GAP_M)
+        poses = [lidar.compose(pose) for pose, _ in persons(seen)]
         strangers = [pose[:2] for pose in poses if pose.distance(person) > HALF_STRIDE_M]
         self._walkers.update(time, strangers)
-        clusters = clusters.moved(lidar)
+        seen = seen.moved(lidar)
         walkers = np.vstack((self.walkers(np.array([time]))[0], [person[:2]]))
-        off = clusters.middle[:, None] - walkers
+        off = seen.middle[:, None] - walkers
         are_beside = np.hypot(off[..., 0], off[..., 1]).min(axis=1) <= HALF_STRIDE_M
-        are_legs = (clusters.width <= BOTH_LEGS_M) & are_beside
-        standing = clusters.xy[~are_legs[clusters.index]]
-        remembered = self._hidden(scan, lidar) & (self._times > time - MEMORY_S)
+        are_legs = (seen.width <= BOTH_LEGS_M) & are_beside
+        standing = seen.xy[~are_legs[seen.index]]
+        remembered = self._hidden(scan, ranges, lidar) & (self._times > time - MEMORY_S)
         self._points = np.vstack((self._points[remembered], standing))
         self._times = np.concatenate((self._times[remembered], np.full(len(standing), time)))
 
     def walkers(self, times: Floats) -> Floats:
         """Return the predicted positions of walking people (times, n, 2)."""
         walking = [
-            (track.x, track.y, track.vx, track.vy, track.time)
+            track
             for track in self._walkers.tracks
             if track.detections >= CONFIRMED and STILL_M_S <= track.speed <= FASTEST_M_S
         ]
-        state = np.array(walking).reshape(-1, 5)
-        ahead: Floats = state[:, :2] + (times[:, None, None] - state[:, 4:]) * state[:, 2:4]
-        return ahead
+        places = [[track.at(time) for track in walking] for time in times.tolist()]
+        return np.array(places, float).reshape(len(times), len(walking), 2)
 
     def standing(self, robot: Pose2D) -> Floats:
         """Return the points that stand still (n, 2): the nearest to the robot, thinned out."""
@@ -84,11 +89,10 @@ class LocalMap:
         kept: Floats = near[np.sort(first)[:MOST_POINTS]]
         return kept
 
-    def _hidden(self, scan: LaserScan, lidar: Pose2D) -> npt.NDArray[np.bool_]:
+    def _hidden(self, scan: LaserScan, ranges: Floats, lidar: Pose2D) -> npt.NDArray[np.bool_]:
         """Return which known points are hidden in this scan."""
         offsets = self._points - lidar[:2]
         away = np.hypot(offsets[:, 0], offsets[:, 1])
-        ranges = ranges_of(scan)
         if not len(ranges) or not scan.angle_increment:
             return np.ones(len(away), bool)
         angles = arctan2(offsets[:, 1], offsets[:, 0]) - lidar.yaw - scan.angle_min

@@ -1,0 +1,339 @@
+"""What rays hit: the scene, scans of a lidar, depth images, and a camera's view."""
+
+import math
+
+import analytic
+import msgspec
+import numpy as np
+import pytest
+from mecazen.config import WorldConfig
+from mecazen.config.sensors import DepthConfig, LidarConfig, TrackerConfig
+from mecazen.config.world import Box, Cylinder
+from mecazen.geometry import Pose2D
+from mecazen.messages import Image, LaserScan, Time
+from mecazen.robot import WHEELS, Attachment, CameraMount
+from mecazen.skeleton import INDEX, LIMBS
+from mecazen.wire import decode, encode
+from mecazen_sensors.camera import CameraView, DepthCamera
+from mecazen_sensors.lidar import STEPS_PER_M, Lidar
+from mecazen_sensors.raycast import RayScene
+from people import HEIGHT, NEXUS, body, walking
+
+EXACT_M = 1e-6
+"""Far more than rounding, which is 1e-15 of the largest coordinate, and its square root for a ray
+that nearly grazes a shape; far less than a millimetre."""
+LIDAR = Attachment(size_m=(0.04, 0.04), position_m=(-0.13, 0.0, 0.16), mass_kg=0.2)
+NO_NOISE = {"range_std_m": 0.0, "dropout_probability": 0.0}
+STEP_M = 0.5 / STEPS_PER_M + 1e-9
+"""Half a step of the lidar's resolution."""
+SHARP = {"noise_m": 0.0, "edge_probability": 0.0}
+HALF_MM = 0.5
+
+
+def room(*obstacles, people=0):
+    return RayScene(WorldConfig(obstacles=obstacles), [NEXUS], people)
+
+
+def wall(distance, height=10.0):
+    return Box(size_m=(1.0, 40.0, height), position_m=(distance + 0.5, 0.0))
+
+
+def random_world(random):
+    obstacles = []
+    for number in range(20):
+        place = tuple(random.uniform(-4.0, 4.0, 2).tolist())
+        size = tuple(random.uniform(0.05, 1.2, 3).tolist())
+        box = Box(size_m=size, position_m=place, yaw_deg=random.uniform(-180.0, 180.0))
+        obstacles.append(box if number % 2 else Cylinder(size_m=size[:2], position_m=place))
+    return WorldConfig(obstacles=tuple(obstacles))
+
+
+def turned(yaw):
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+
+
+def analytic_distances(origins, directions, world, people, robot, pose):
+    """Return distances by `analytic`; `people` are joints and heights."""
+    up, turn = np.array((0.0, 0.0, 1.0)), turned(pose.yaw)
+    distances = [analytic.ground(origins, directions)]
+
+    def box(centre, rotation, size):
+        half = np.array(size) / 2
+        distances.append(analytic.box(origins, directions, centre, rotation, half))
+
+    def cylinder(centre, axis, radius, height):
+        distances.append(analytic.cylinder(origins, directions, centre, axis, radius, height / 2))
+
+    def on_robot(position):
+        return turn @ np.array(position) + (pose.x, pose.y, 0.0)
+
+    for obstacle in world.obstacles:
+        centre = np.array((*obstacle.position_m, obstacle.size_m[-1] / 2))
+        if isinstance(obstacle, Box):
+            box(centre, turned(math.radians(obstacle.yaw_deg)), obstacle.size_m)
+        else:
+            cylinder(centre, up, *obstacle.size_m)
+    for joints, height in people:
+        for limb in LIMBS:
+            ends = joints[INDEX[limb.begin]], joints[INDEX[limb.end]]
+            distances.append(analytic.capsule(origins, directions, *ends, limb.radius * height))
+    base, camera, lidar, wheels = robot.base, robot.camera, robot.lidar, robot.wheels
+    middle = (0.0, 0.0, base.clearance_m + base.height_m / 2)
+    box(on_robot(middle), turn, (base.length_m, base.width_m, base.height_m))
+    box(on_robot(camera.position_m), turn, camera.size_m)
+    cylinder(on_robot(lidar.position_m), up, *lidar.size_m)
+    for wheel in WHEELS:
+        centre = on_robot(robot.wheel_position(wheel))
+        cylinder(centre, turn[:, 1], wheels.radius_m, wheels.hub_width_m)
+    return np.min(distances, axis=0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("level", [False, True])
+def test_distances_are_those_of_an_independent_implementation(seed, level):
+    random = np.random.default_rng(seed)
+    world = random_world(random)
+    scene = RayScene(world, [NEXUS, NEXUS], people=2)
+    pose, rays = Pose2D(*random.uniform(-3.0, 3.0, 3)), 4000
+    scene.place_robot(0, Pose2D(50.0, 0.0, 0.0))
+    scene.place_robot(1, pose)
+    people = []
+    for person, height in ((0, 1.75), (1, 1.2)):
+        # limbs whose lengths differ from the first ones: bounds of the first are of no use
+        joints = walking(random.uniform(0.0, 1.0), random.uniform(-3.0, 3.0, 3))
+        joints += random.normal(0.0, 0.05, joints.shape)
+        joints[:, 2] *= random.uniform(0.5, 1.4)
+        scene.place_person(person, joints, height)
+        people.append((joints, height))
+    origin = np.append(random.uniform(-4.0, 4.0, 2), random.uniform(0.02, 1.8))
+    directions = random.normal(size=(rays, 3))
+    if level:
+        directions[:, 2] = 0.0
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    distances, hits = scene.cast(origin, directions, level=level)
+    origins = np.tile(origin, (rays, 1))
+    exact = analytic_distances(origins, directions, world, people, NEXUS, pose)
+    assert np.array_equal(np.isinf(distances), np.isinf(exact))
+    assert np.array_equal(hits < 0, np.isinf(exact))
+    seen = np.isfinite(exact)
+    assert np.max(np.abs(distances[seen] - exact[seen])) < EXACT_M
+
+
+def test_nothing_is_hit_beyond_the_range():
+    scene, ray, origin = room(wall(4.0)), np.array([[1.0, 0.0, 0.0]]), np.array((0.0, 0.0, 0.5))
+    assert scene.cast(origin, ray, max_range=4.01)[0][0] == pytest.approx(4.0, abs=EXACT_M)
+    distances, hits = scene.cast(origin, ray, max_range=3.99)
+    assert (distances[0], hits[0]) == (math.inf, -1)
+
+
+def test_a_robot_is_seen_by_others_only():
+    scene = RayScene(WorldConfig(), [NEXUS, NEXUS], people=0)
+    scene.place_robot(0, Pose2D(1.0, 2.0, 0.3))
+    angles = np.linspace(0.0, math.tau, 200, endpoint=False)
+    rays = np.stack((np.cos(angles), np.sin(angles), 0.0 * angles), axis=-1)
+    origin = np.array((1.0, 2.0, 0.1))
+    assert np.all(np.isinf(scene.cast(origin, rays, robot=0, level=True)[0]))
+    assert np.all(np.isfinite(scene.cast(origin, rays, robot=1, level=True)[0]))
+
+
+def test_a_person_is_absent_unless_placed():
+    scene, ray = room(people=1), np.array([[1.0, 0.0, 0.0]])
+    distances = []
+    for change in (
+        lambda: None,
+        lambda: scene.place_person(0, body(pose=(2.0, 0.0, 0.0)), HEIGHT),
+        lambda: scene.remove_person(0),
+    ):
+        change()
+        distances.append(float(scene.cast(np.array((0.0, 0.0, 1.2)), ray)[0][0]))
+    assert distances == [math.inf, pytest.approx(2.0, abs=0.2), math.inf]
+
+
+def scan(scene, pose=Pose2D(), seed=0, **settings):  # noqa: B008
+    return Lidar(LidarConfig(**settings), LIDAR, seed).scan(scene, pose, Time())
+
+
+def test_a_wall_is_where_its_beams_end():
+    result = scan(room(wall(3.0)), Pose2D(0.5, 1.0, 0.4), **NO_NOISE)
+    ranges = np.array(result.ranges)
+    angles = result.angle_min + result.angle_increment * np.arange(720) + 0.4
+    x = 0.5 - 0.13 * math.cos(0.4) + ranges * np.cos(angles)
+    hit = ranges <= result.range_max
+    assert np.sum(hit) > 200
+    assert x[hit] == pytest.approx(3.0, abs=STEP_M)
+    assert np.all(ranges[~hit] == result.range_max + 1.0)
+
+
+def test_an_object_that_is_too_near_is_not_0():
+    near = Cylinder(size_m=(0.02, 1.0), position_m=(-0.13, 0.05))
+    result = scan(room(near), **NO_NOISE)
+    assert 0.0 < result.ranges[540] < result.range_min  # 0 would be no measurement
+    assert decode(encode(result), LaserScan) == result
+
+
+def test_numbers_are_exact_in_the_32_bits_of_ros():
+    result = scan(room(wall(3.0)), max_range_m=7.3, fov_deg=250.0)
+    numbers = np.array([v for v in msgspec.structs.astuple(result)[1:-2] if isinstance(v, float)])
+    for values in (numbers, np.array(result.ranges)):
+        assert np.array_equal(values.astype(np.float32).astype(np.float64), values)
+
+
+def test_a_narrow_field_has_beams_on_both_edges():
+    result = scan(room(wall(3.0)), fov_deg=90.0, beams=91, **NO_NOISE)
+    assert (result.angle_min, result.angle_max) == pytest.approx((-math.pi / 4, math.pi / 4))
+    assert result.ranges[45] == pytest.approx(3.13, abs=STEP_M)
+
+
+def test_legs_are_seen_and_low_objects_are_not():
+    scene = room(wall(3.0, height=0.15), people=1)
+    scene.place_person(0, body(pose=(1.5, 0.0, 0.0)), HEIGHT)
+    result = scan(scene, **NO_NOISE)
+    seen = [r for r in result.ranges if r <= result.range_max]
+    # two shanks of 0.105 m at 1.6 m: 3.7 degrees each, of half a degree a beam
+    assert 12 <= len(seen) <= 16
+    assert min(seen) == pytest.approx(1.63 - 0.03 * HEIGHT, abs=0.02)
+
+
+def test_noise_is_white_and_dropouts_have_their_share():
+    std, share = 0.013, 0.02
+    lidar = Lidar(LidarConfig(range_std_m=std, dropout_probability=share), LIDAR, 3)
+    scene, frames = room(wall(3.0)), 60
+    exact = np.array(scan(scene, **NO_NOISE).ranges)
+    seen = exact < 11.0  # the range cuts off the noise near its end
+    ranges = np.array([lidar.scan(scene, Pose2D(), Time()).ranges for _ in range(frames)])[:, seen]
+    count, lost = ranges.size, ranges == 0.0
+    # four standard errors of a share, of a mean and of a deviation of normal numbers
+    assert np.mean(lost) == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / count))
+    errors = (ranges - exact[seen])[~lost]
+    assert np.mean(errors) == pytest.approx(0.0, abs=4 * std / math.sqrt(count))
+    assert np.std(errors) == pytest.approx(std, abs=4 * std / math.sqrt(2 * count) + STEP_M**2)
+    white = np.where(lost, 0.0, ranges - exact[seen])
+    correlation = np.mean(white[1:] * white[:-1]) / std**2
+    assert correlation == pytest.approx(0.0, abs=4 / math.sqrt(count))
+
+
+def test_noise_depends_on_the_seed_alone():
+    first, second = (Lidar(LidarConfig(), LIDAR, 8) for _ in range(2))
+    first.scan(room(wall(3.0)), Pose2D(), Time())
+    second.scan(room(), Pose2D(), Time())
+    scene = room(wall(2.0))
+    assert first.scan(scene, Pose2D(), Time()) == second.scan(scene, Pose2D(), Time())
+    assert scan(scene, seed=1) != scan(scene, seed=2)
+
+
+def test_an_occluded_lidar_measures_nothing():
+    lidar, scene = Lidar(LidarConfig(occlusions_s=((1.0, 2.0),)), LIDAR, 0), room(wall(3.0))
+    measures = [
+        any(lidar.scan(scene, Pose2D(), Time.from_ns(round(time_s * 1e9))).ranges)
+        for time_s in (0.9, 1.0, 2.0, 2.1)
+    ]
+    assert measures == [True, False, False, True]
+
+
+def mounted(x=0.0, z=0.5, pitch_deg=0.0, yaw_deg=0.0):
+    return CameraMount(
+        size_m=(0.02, 0.09, 0.02),
+        position_m=(x, 0.0, z),
+        mass_kg=0.1,
+        pitch_deg=pitch_deg,
+        yaw_deg=yaw_deg,
+    )
+
+
+def sees(mount, *points):
+    camera = CameraView(mount, TrackerConfig(min_range_m=0.01, max_range_m=5.0))
+    return camera.look(np.array(points) - mount.position_m)[1].tolist()
+
+
+@pytest.mark.parametrize(("z", "pitch_deg", "nearest"), [(0.2, 22.15, 1.10), (0.8, 2.2, 1.37)])
+def test_a_person_fits_into_view_from_a_distance(z, pitch_deg, nearest):
+    def fits(pitch_deg, distance):
+        mount = mounted(z=z, pitch_deg=pitch_deg)
+        return all(sees(mount, (distance, 0.0, 0.0), (distance, 0.0, HEIGHT)))
+
+    near_m = 0.005  # half of the last digit of `nearest`
+    assert fits(pitch_deg, nearest + near_m)
+    assert not fits(pitch_deg, nearest - near_m)
+    assert not fits(pitch_deg - 1.0, nearest + near_m)
+    assert not fits(pitch_deg + 1.0, nearest + near_m)
+
+
+def test_pan_and_tilt_turn_the_view():
+    mount = mounted(pitch_deg=30.0, yaw_deg=90.0)
+    up = 2.0 * math.tan(math.radians(30.0))
+    camera = CameraView(mount, TrackerConfig(max_range_m=3.0))
+    depths, inside = camera.look(np.array(((0.0, 2.0, up), (2.0, 0.0, up), (0.0, 3.0, 1.5 * up))))
+    assert depths[0] == pytest.approx(math.hypot(2.0, up))
+    assert inside.tolist() == [True, False, False]
+
+
+def test_a_robot_sees_shoulders_and_feet_as_documented():
+    shoulder_m = 0.818 * HEIGHT  # Winter, after Drillis & Contini
+    assert sees(NEXUS.camera, (1.0, 0.0, shoulder_m), (1.5, 0.0, 0.0)) == [True, True]
+
+
+def pixels(image):
+    assert image.step * image.height == len(image.data)
+    return np.frombuffer(image.data, "<u2").reshape(image.height, image.width).astype(float)
+
+
+def picture(scene, mount, **settings):
+    """Return the depths [mm] of an image from the origin."""
+    return pixels(DepthCamera(DepthConfig(**settings), mount, 0).picture(scene, Pose2D(), Time()))
+
+
+def test_depths_are_those_of_wall_and_ground():
+    camera = DepthCamera(DepthConfig(**SHARP), mounted(x=0.1, pitch_deg=10.0), 0)
+    depths = pixels(camera.picture(room(wall(3.0)), Pose2D(), Time())) / 1000.0
+    k = np.reshape(camera.info(Time()).k, (3, 3))
+    rows, columns = np.indices(depths.shape)
+    right, down = (columns - k[0, 2]) / k[0, 0] * depths, (rows - k[1, 2]) / k[1, 1] * depths
+    c, s = math.cos(math.radians(10.0)), math.sin(math.radians(10.0))
+    x, z = c * depths + s * down + 0.1, s * depths - c * down + 0.5
+    seen = depths > 0.0
+    assert np.mean(seen) > 0.9
+    assert np.all((np.abs(x - 3.0) < 1e-3) | (np.abs(z) < 1e-3) | ~seen)
+    assert right[0, 0] < 0.0 < right[0, -1]
+
+
+def test_pixels_without_a_hit_in_range_are_0():
+    to_the_left = Box(size_m=(1.0, 20.0, 10.0), position_m=(2.6, 10.0))  # its side is at y = 0
+    depths = picture(room(to_the_left), mounted(x=0.1, z=1.9), **SHARP)
+    assert np.all(np.abs(depths[:100, :160] - 2000.0) <= HALF_MM)
+    assert np.all(depths[:100, 160:] == 0.0)
+    assert np.all(picture(room(), mounted(), max_range_m=0.6, **SHARP) == 0.0)
+
+
+@pytest.mark.parametrize("distance", [1.0, 2.0])
+def test_noise_grows_with_the_square_of_depth(distance):
+    errors = picture(room(wall(distance)), mounted(z=1.9), noise_m=0.004) - 1000.0 * distance
+    std = math.hypot(4.0 * distance**2, 1.0 / math.sqrt(12.0))  # and rounding to 1 mm
+    # four standard errors of a mean and of a deviation
+    assert np.mean(errors) == pytest.approx(0.0, abs=4 * std / math.sqrt(errors.size))
+    assert np.std(errors) == pytest.approx(std, rel=4 / math.sqrt(2 * errors.size))
+
+
+def test_pixels_at_edges_are_lost_or_between_depths():
+    share, mount = 0.3, mounted(x=0.1, pitch_deg=10.0)
+    scene = room(wall(3.0), people=1)
+    scene.place_person(0, body(pose=(1.8, 0.0, 0.0)), HEIGHT)
+    exact = picture(scene, mount, **SHARP)
+    depths = picture(scene, mount, noise_m=0.0, edge_probability=share)
+    changed = depths != exact
+    lost, flying = changed & (depths == 0.0), changed & (depths > 0.0)
+    # the outline of a person: 2 x 5 limbs of some 60 pixels, with the trunk
+    assert 300 < np.sum(changed) / (2 * share) < 3000
+    for part in (lost, flying):
+        count = np.sum(changed) / 2
+        assert np.sum(part) == pytest.approx(count, abs=4 * math.sqrt(count))
+    assert np.all((depths[flying] < exact[flying]) & (depths[flying] > 1000.0))
+
+
+def test_an_image_repeats_with_its_seed_and_survives_encoding():
+    image, repeated = (
+        DepthCamera(DepthConfig(), mounted(), 3).picture(room(wall(3.0)), Pose2D(), Time())
+        for _ in range(2)
+    )
+    assert image == repeated
+    assert decode(encode(image), Image) == image

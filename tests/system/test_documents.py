@@ -1,0 +1,260 @@
+"""What the documents show is what a user sees: their files are written, their commands run."""
+
+import re
+import shlex
+import subprocess
+import sys
+import time
+import tomllib
+
+import pytest
+import yaml
+from hardware.stand import emulated
+from harness import (
+    COMMAND_GUARD_S,
+    ROOT,
+    SCENARIOS,
+    Command,
+    Newest,
+    endpoint_of,
+    load_robot,
+    mecazen,
+    options,
+)
+from mecazen.keys import FOLLOWER_STATE, ODOM
+from mecazen.loading import load_scenario
+from mecazen.wheels import WheelSpeeds
+from mecazen_hardware.board import Identity
+from mecazen_hardware.link import make_board
+from mecazen_tools.processes import free_port, private_router
+from mecazen_tools.simulation import Simulation
+
+README = (ROOT / "README.md").read_text()
+QUICKSTART, EXTEND, TROUBLESHOOTING, HARDWARE = (
+    (ROOT / "docs" / f"{page}.md").read_text()
+    for page in ("quickstart", "extend", "troubleshooting", "hardware")
+)
+BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
+
+
+def pattern(line):
+    """Return what matches a shown line, in which … is anything."""
+    return re.compile(".*".join(re.escape(part) for part in line.split("…")))
+
+
+def write_files(page, folder):
+    """Write the blocks of a page that begin with a file's name."""
+    for name, text in re.findall(r"```\w+\n# (\w+\.\w+)\n(.*?)```", page, re.DOTALL):
+        (folder / name).write_text(text)
+
+
+# README
+
+
+def test_the_example_shown_is_the_example_that_is_tested():
+    assert (ROOT / "examples" / "my_follower.py").read_text().rstrip() in README
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/api/simulation.md"])
+def test_the_python_of_a_page_runs_as_it_stands(page, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    first = "from mecazen import Simulation\n"
+    code = (ROOT / page).read_text().partition(f"```python\n{first}")[2].partition("```")[0]
+    for _ in range(2):  # the second time beside what the first has left
+        exec(first + code, {})  # noqa: S102 - our own text
+        assert "d_err_m=0.0" in capsys.readouterr().out
+
+
+def test_names_and_links_of_the_readme_exist():
+    targets = [part.partition(")")[0] for part in README.split("](")[1:]]
+    files = [name.partition("#")[0] for name in targets if "://" not in name]
+    assert not [name for name in files if not (ROOT / name).exists()]
+    assert all(f"`{path.stem}`" in README for path in SCENARIOS.glob("*.toml"))
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert mecazen("--version").stdout.split()[-1] == citation["version"]
+
+
+def test_every_extra_that_is_named_exists():
+    patterns = ("*/mecazen*/**/*.py", "services/*/mecazen*/**/*.py", "*.md", "docs/*.md")
+    texts = [file.read_text() for pattern in patterns for file in ROOT.glob(pattern)]
+    extras = {extra for text in texts for extra in re.findall(r"mecazen\[(\w+)\]", text)}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert "gamepad" in extras
+    assert extras <= project["optional-dependencies"].keys()
+
+
+# quickstart.md
+
+SECTIONS = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", QUICKSTART, re.MULTILINE | re.DOTALL))
+ASKS_A_RUNNING_SCENARIO = {"echo", "status", "pub", "sim"}
+
+
+@pytest.fixture(scope="module")
+def quickstart(tmp_path_factory):
+    """The files of the page."""
+    folder = tmp_path_factory.mktemp("quickstart")
+    blocks = dict(BLOCK.findall(SECTIONS["Write a follower"]))
+    (folder / "my_follower.py").write_text(blocks["python"])
+    (folder / "my_follower.toml").write_text(blocks["toml"])
+    return folder
+
+
+def steps(section):
+    """Return the commands of each block of a section, and the output that is expected of them."""
+    blocks = [block for block in BLOCK.findall(SECTIONS[section]) if block[0] in {"sh", "text"}]
+    assert [kind for kind, _ in blocks] == ["sh", "text"] * (len(blocks) // 2)
+    return [
+        ([shlex.split(line) for line in run.splitlines()], shown.splitlines())
+        for (_, run), (_, shown) in zip(blocks[::2], blocks[1::2], strict=True)
+    ]
+
+
+def assert_shown(output, lines):
+    """Each line is in the output, in order."""
+    printed = iter(output.splitlines())
+    for line in lines:
+        assert any(pattern(line).search(shown) for shown in printed), f"{line!r} is not in {output}"
+
+
+def run(commands, folder, *options):
+    """Run commands to their ends; return what they print."""
+    printed = ""
+    for words in commands:
+        assert words[0] == "mecazen"
+        done = mecazen(*options, *words[1:], folder=folder)
+        assert (done.returncode, done.stderr) == (0, ""), words
+        printed += done.stdout
+    return printed
+
+
+def test_the_version_is_the_one_that_is_shown(quickstart):
+    ((commands, shown),) = steps("Install")
+    assert_shown(run(commands[-1:], quickstart), shown)
+
+
+@pytest.mark.parametrize("section", ["Watch", "Drive"])
+def test_a_scenario_starts_and_answers_the_commands_of_another_terminal(section, quickstart):
+    ((((_, *start),), started), (asked, shown)) = steps(section)
+    settings = private_router("tcp")
+    running = Command(*start, "--no-viewer", *options(settings))
+    namespace = next(s for s in settings if "namespace" in s).partition("=")[2].strip('"')
+    for line in started:
+        expected, end = pattern(line), time.monotonic() + COMMAND_GUARD_S
+        while not expected.search(running.read_until("")) and time.monotonic() < end:
+            pass
+        assert expected.search(running.text), running.text
+    assert {words[1] for words in asked} <= ASKS_A_RUNNING_SCENARIO
+    client = ("--connect", endpoint_of(settings), "--namespace", namespace)
+    assert_shown(run(asked, quickstart, *client), shown)
+    code, _, _ = running.end()
+    assert code == 0
+
+
+@pytest.mark.parametrize("section", ["Score it", "Record and replay"])
+def test_the_follower_of_the_page_gives_the_scores_that_are_shown(section, quickstart):
+    ((commands, shown),) = steps(section)
+    assert_shown(run(commands, quickstart), shown)
+
+
+# troubleshooting.md
+
+LINES = re.findall(r"^\| `((?:error|warning): .*?)` \|", TROUBLESHOOTING, re.MULTILINE)
+NOBODY = ("--connect", f"tcp/127.0.0.1:{free_port()}")
+MISTAKES = {
+    "no such scenario": ("simulate", "nosuch"),
+    "did you mean standoff_m": ("simulate", "back", "--set", "follower.standof_m=1"),
+    "got -1": ("simulate", "back", "--set", "follower.standoff_m=-1"),
+    "stands inside the person": ("simulate", "back", "--set", "start.x_m=0"),
+    "beyond loopback": ("run", "physics", "back", "--set", 'bus.listen=["tcp/0.0.0.0:0"]'),
+    "nothing answers": (*NOBODY, "echo", "odom", "--count", "1"),
+    "did you mean odom": (*NOBODY, "echo", "odmo", "--count", "1"),
+    "not a geometry_msgs": (*NOBODY, "pub", "cmd_vel", '{"linear":{"x":"a"}}'),
+    "linear.q is ignored": (*NOBODY, "pub", "cmd_vel", '{"linear":{"x":0.1,"q":1}}'),
+    "picture's name": ("simulate", "back", "--plot", "x.gif"),
+    "can't be read": ("info", "none.mcap"),
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_prints_a_line_of_the_page(words, tmp_path):
+    (line,) = (line for line in LINES if words in line)
+    done = mecazen(*MISTAKES[words], folder=tmp_path)
+    printed = done.stderr.replace("`", "").splitlines()
+    assert any(pattern(line).fullmatch(shown) for shown in printed), done.stderr
+
+
+# extend.md
+
+SHELL = "\n".join(block for kind, block in BLOCK.findall(EXTEND) if kind == "sh")
+COMMANDS = [line for line in SHELL.splitlines() if line]
+
+
+@pytest.fixture(scope="module")
+def extend(tmp_path_factory):
+    """The files of the page."""
+    folder = tmp_path_factory.mktemp("extend")
+    write_files(EXTEND, folder)
+    return folder
+
+
+@pytest.mark.parametrize("line", [line for line in COMMANDS if "mecazen up" not in line])
+def test_a_command_of_the_page_works(extend, line):
+    words = shlex.split(line)[1:]
+    short = ("--set", "sim.duration_s=1.0") if words[0] == "simulate" else ()
+    done = mecazen(*words, *short, folder=extend)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_board_of_the_page_takes_speeds_and_reports_angles(extend):
+    scenario = extend / "board.toml"
+    scenario.write_text('robot = "nexus"\n[hardware]\nboard = "my_board.py:MyBoard"\n')
+    board = make_board(load_scenario(scenario).hardware, load_robot())
+    sent, made = board.drive(WheelSpeeds(1.0, 2.0, 3.0, 400.0))
+    assert max(made) == load_robot().wheels.max_speed_rad_s
+    name, wheels = board.feed(b"mine 1\n0.5 1 1.5 2\nno number\n1 2 3")
+    assert (name, board.frames, board.refused) == (Identity("mine 1"), 1, 1)
+    assert wheels.angles == (0.5, 1.0, 1.5, 2.0)
+    assert sent == b"%.3f %.3f %.3f %.3f\n" % made
+
+
+def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(extend):
+    assert any("mecazen up my_hardware.toml" in line for line in COMMANDS)
+    moved = []
+    with Simulation(load_scenario(extend / "my_hardware.toml")) as sim:
+        for tick, _ in enumerate(sim.ticks(3.0)):
+            moved.append(sim.latest("odom").pose.pose.position.x)
+            if tick < 100:
+                sim.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.2}}')
+    # 0.2 m/s for 1 s, and on until the command is stale, less what starting takes
+    assert 0.2 < moved[-1] < 0.35
+    assert moved[-1] == moved[-50]
+
+
+# hardware.md
+
+
+def test_a_robot_follows_the_person_of_the_converter(stack, tmp_path):
+    write_files(HARDWARE, tmp_path)
+    endpoint, key = "tcp/127.0.0.1:7447", '"target/observation"'
+    text = (tmp_path / "detector.py").read_text()
+    assert endpoint in text
+    assert key in text
+    with emulated() as emulator:
+        running = stack(tmp_path / "my_x3.toml", f"hardware.port={emulator.line.name}")
+        bus = running.scenario.bus
+        text = text.replace(endpoint, bus.connect[0])
+        text = text.replace(key, f'"{bus.namespace}/target/observation"')
+        (tmp_path / "detector_of_run.py").write_text(text)
+        state, odom = Newest(running.bus, FOLLOWER_STATE), Newest(running.bus, ODOM)
+        running.start()
+        running.wait(lambda: state.message and odom.message)
+        assert state.message.tracking == "waiting"
+        converter = subprocess.Popen([sys.executable, tmp_path / "detector_of_run.py"])
+        try:
+            running.wait(lambda: state.message.tracking == "following")
+            # the person stays 1.5 m ahead, more than the standoff of 1 m
+            running.wait(lambda: odom.pose.x > 0.1)
+        finally:
+            converter.terminate()
+            converter.wait(COMMAND_GUARD_S)
+        assert abs(odom.pose.y) < 0.02  # straight ahead
