@@ -243,6 +243,11 @@ def test_every_second_session_of_a_kind_of_path_is_held_out(sample):
     assert others == {"circular_231220200510", "square_080920201715"}
     with pytest.raises(ConfigError, match="--validate needs a second session"):
         split([run for run in sample if run.session in fitted])
+    others_markers = [
+        run if run.session in fitted else replace(run, group="other markers") for run in sample
+    ]
+    with pytest.raises(ConfigError, match="no session for fitting has its markers"):
+        split(others_markers)
 
 
 @pytest.fixture(scope="module")

@@ -122,7 +122,7 @@ def validation_lines(result: Validation) -> Iterator[str]:
     yield (
         f"Fitted on {len(result.fitted)} sessions, validated on {len(result.held_out)} others "
         f"({result.duration_s / 60.0:.0f} min). Drift after {HORIZON_S:g} s: median (95 % interval "
-        "over sessions; both values of two), 95th percentile.\n"
+        "over sessions; of two, half of their difference on both sides), 95th percentile.\n"
     )
     yield "| model | path | position [mm] | yaw [mrad] |"
     yield "| --- | --- | --- | --- |"

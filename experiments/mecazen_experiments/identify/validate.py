@@ -76,9 +76,11 @@ def split(runs: Sequence[Run]) -> tuple[list[Run], list[Run]]:
     fitted = [run for run in runs if run.session in chosen]
     held_out = [run for run in runs if run.session not in chosen]
     if not held_out:
-        raise ConfigError(
-            f"--validate needs a second session of a kind of path; there are {', '.join(chosen)}"
-        )
+        names = ", ".join(sorted(chosen))
+        raise ConfigError(f"--validate needs a second session of a kind of path; there are {names}")
+    groups = {run.group for run in fitted}
+    if lacking := [run.name for run in held_out if run.group not in groups]:
+        raise ConfigError(f"{lacking[0]}: no session for fitting has its markers")
     return fitted, held_out
 
 
