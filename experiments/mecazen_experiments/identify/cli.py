@@ -61,18 +61,20 @@ def identify(
     files.make_folder(out, "--out")
     if validate:
         validation, changed = validated(base, runs)
-        typer.echo("\n".join(report.validation_lines(validation)))
-        written = report.write_validation(validation, changed, out)
+        result, sessions = validation.identification, validation.sessions
+        name, lines = "validation.md", [*report.validation_lines(validation)]
+        typer.echo("\n".join(lines))
     else:
         result = kinematics.identify(base, runs, logs)
+        sessions = result.sessions
         changed = identified_robot(base, result.geometry.parameters, result.roller_count, runs[0])
         if result.motors:
             real = motors.identified_motors(result.motors)
             changed = msgspec.structs.replace(changed, motors=real)
+        name, lines = "report.md", [*report.identification_lines(result)]
         typer.echo(f"lateral over forward gain: {report.interval(result.lateral_gain, 4)}")
         typer.echo(f"most likely number of rollers: {result.roller_count}")
         for note in result.notes:
             typer.echo(note, err=True)
-        written = report.write_identification(result, changed, out)
-    for file in written:
+    for file in report.write(out / name, lines, sessions, result, changed):
         typer.echo(file)
