@@ -58,9 +58,9 @@ class GazeboEngine(Engine):
         if not answer:
             self.close()
             raise MecazenError(f"{PROGRAM.name} has ended with {self._process.returncode}")
-        spent, x, y, z, yaw, *wheels = map(float, answer.split())
+        spent, x, y, _, yaw, *wheels = map(float, answer.split())
         self.spent_s += spent
-        return Sample(x, y, z, yaw, wheels)
+        return Sample(x, y, yaw, wheels)
 
     def close(self) -> None:
         self._process.communicate()

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import platform
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 import numpy as np
 from mecazen.errors import MecazenError
 from mecazen_tools import files
 
-Goal = Literal["less", "more"] | float | tuple[float | None, float | None]
-"""Direction of improvement, the correct value, or the target: a range with at least one end."""
-
-SCHEMA = 3
-"""Schema version, increased when the meaning of older files changes."""
 LIBRARIES = ("dartpy", "mujoco", "eclipse-zenoh", "msgspec", "numpy")
 LEAST = 0.001
 """Relative change that is ignored: computed figures have no spread, unlike timed ones, but differ
 in their last digits between processors and library versions."""
+
+Row = dict[str, tuple[float, str]]
+"""Values and goals by column."""
+Tables = dict[str, dict[str, Row]]
+"""Rows by table and name, as a benchmark measures them in a round."""
 
 
 class ResultsError(MecazenError):
@@ -33,216 +34,119 @@ class ResultsError(MecazenError):
     exit_code = 2
 
 
-class Figure(msgspec.Struct, frozen=True, omit_defaults=True):
+class Figure(msgspec.Struct, frozen=True):
     """A measured value; for several rounds, the median with the quartiles."""
 
+    table: str
+    row: str
+    column: str
     value: float
-    goal: Goal
-    quartiles: tuple[float, float] | None = None
-
-    @property
-    def met(self) -> bool | None:
-        """Whether value and quartiles are in the target's range; None without a target."""
-        if not isinstance(self.goal, tuple):
-            return None
-        low, high = self.goal
-        least, most = self.quartiles or (self.value, self.value)
-        return (low is None or low <= least) and (high is None or most <= high)
-
-    @property
-    def spread(self) -> float:
-        """Distance between the quartiles."""
-        low, high = self.quartiles or (self.value, self.value)
-        return high - low
+    low: float
+    high: float
+    goal: str
+    """`less` or `more`, or the correct value as a number."""
 
     def worse_by(self, before: float) -> float:
         """Return by how much the value is worse than an earlier value; negative if better."""
-        match self.goal:
-            case "less" | (None, _):
-                return self.value - before
-            case "more" | (_, None):
-                return before - self.value
-            case (float(low), float(high)):
-                correct = (low + high) / 2.0
-            case correct:
-                assert isinstance(correct, float)
-        return abs(self.value - correct) - abs(before - correct)
+        if self.goal in ("less", "more"):
+            return self.value - before if self.goal == "less" else before - self.value
+        return abs(self.value - float(self.goal)) - abs(before - float(self.goal))
 
     def __str__(self) -> str:
-        low, high = map(_number, self.quartiles or (self.value, self.value))
-        words = [_number(self.value)]
-        if low != high:
-            words.append(f"({low} to {high})")
-        if isinstance(self.goal, tuple):
-            words.append(f"{'✓' if self.met else '✗'} {_range(*self.goal)}")
-        return " ".join(words)
-
-
-Rows = Mapping[str, Mapping[str, Figure]]
-"""Figures by subject and title."""
-
-
-class MarkdownTable(msgspec.Struct, frozen=True):
-    """A table of a result, with its title and its caption."""
-
-    title: str
-    caption: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    @property
-    def sentences(self) -> str:
-        """The caption as sentences, one for each of its parts."""
-        parts = [part.strip() for part in self.caption.split(";")]
-        # µs/tick keeps its small letter
-        return " ".join(f"{'µ' if p[:1] == 'µ' else p[:1].upper()}{p[1:]}." for p in parts)
-
-    def __str__(self) -> str:
-        title = f"**{self.title}.** " if self.title else ""
-        return f"{title}{self.sentences}\n\n{markdown(self.head, self.rows)}"
-
-
-def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return the lines of a table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"|{''.join(f' {cell} |' if cell else ' |' for cell in li)}\n" for li in lines)
-
-
-class Group(msgspec.Struct, frozen=True):
-    """A table of figures, and how they were measured."""
-
-    title: str
-    how: str
-    rows: Rows
-
-    def table(self) -> MarkdownTable:
-        """Return the group as a table with a column for each title of a figure."""
-        titles = list(dict.fromkeys(title for row in self.rows.values() for title in row))
-        body = [
-            (subject, *(str(row.get(title, "")) for title in titles))
-            for subject, row in self.rows.items()
-        ]
-        return MarkdownTable(self.title, self.how, ("", *titles), tuple(body))
-
-
-class Results(msgspec.Struct, frozen=True):
-    """All figures of a run."""
-
-    schema: int
-    context: str
-    """Machine, versions and load, in two lines."""
-    benchmarks: dict[str, tuple[Group, ...]]
-
-    def named(self) -> Iterator[tuple[tuple[str, str, str], Figure]]:
-        """Yield each figure with its group, subject and title."""
-        for groups in self.benchmarks.values():
-            for group in groups:
-                for subject, row in group.rows.items():
-                    yield from (((group.title, subject, title), row[title]) for title in row)
+        value, low, high = map(_number, (self.value, self.low, self.high))
+        return value if low == high else f"{value} ({low} to {high})"
 
 
 def measure(
-    benchmarks: Mapping[str, Callable[[], list[Group]]],
-    rounds: int,
-    report: Callable[[str], object],
-) -> Results:
+    benchmarks: Mapping[str, Callable[[], Tables]], rounds: int, report: Callable[[str], object]
+) -> list[Figure]:
     """Measure benchmarks in interleaved rounds: the load of other processes affects all equally.
 
     Ratios are computed within a round, so they compare neighbouring runs. `report` is called with
     the name of the next measurement.
     """
-    before = _load()
-    found: dict[str, list[list[Group]]] = {name: [] for name in benchmarks}
+    values: dict[tuple[str, str, str], list[float]] = {}
+    goals: dict[tuple[str, str, str], str] = {}
     for number in range(rounds):
         for name, benchmark in benchmarks.items():
             report(f"{name}, round {number + 1} of {rounds}")
-            found[name].append(benchmark())
-    context = f"{machine()};\nload {before} before, {_load()} after."
-    return Results(SCHEMA, context, {name: tuple(merged(each)) for name, each in found.items()})
+            for table, rows in benchmark().items():
+                for row, columns in rows.items():
+                    for column, (value, goal) in columns.items():
+                        values.setdefault((table, row, column), []).append(value)
+                        goals[table, row, column] = goal
+    figures = []
+    for key, measured in values.items():
+        low, middle, high = np.percentile(measured, (25, 50, 75)).tolist()
+        figures.append(Figure(*key, middle, low, high, goals[key]))
+    return figures
 
 
-def merged(rounds: Sequence[Sequence[Group]]) -> Iterator[Group]:
-    """Yield the groups with the medians and quartiles of all rounds."""
-    for same in zip(*rounds, strict=True):
-        first = same[0]
-        if len(same) == 1:
-            yield first
-            continue
-        rows = {
-            subject: {
-                title: _median([group.rows[subject][title].value for group in same], figure.goal)
-                for title, figure in row.items()
-            }
-            for subject, row in first.rows.items()
-        }
-        yield Group(first.title, f"{first.how}; medians (quartiles) of {len(same)} rounds", rows)
+def tables(figures: Iterable[Figure]) -> dict[str, str]:
+    """Return tables in Markdown by title, with a column for each title of a figure."""
+    by_table: dict[str, dict[str, dict[str, Figure]]] = {}
+    for figure in figures:
+        rows = by_table.setdefault(figure.table, {})
+        rows.setdefault(figure.row, {})[figure.column] = figure
+    result = {}
+    for title, rows in by_table.items():
+        columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+        body = [
+            (name, *(str(row.get(column, "")) for column in columns)) for name, row in rows.items()
+        ]
+        result[title] = _markdown(("", *columns), body)
+    return result
 
 
-def _median(values: Sequence[float], goal: Goal) -> Figure:
-    low, middle, high = np.percentile(values, (25, 50, 75)).tolist()
-    return Figure(middle, goal, (low, high))
-
-
-def compare(before: Results, after: Results) -> tuple[str, int]:
+def compare(before: Sequence[Figure], after: Sequence[Figure]) -> tuple[str, int]:
     """Return a table of the figures in both results, and the number of those that became worse."""
-    earlier = dict(before.named())
+    earlier = {(figure.table, figure.row, figure.column): figure for figure in before}
     rows, worse = [], 0
-    for name, figure in after.named():
-        old = earlier.get(name)
+    for figure in after:
+        old = earlier.get((figure.table, figure.row, figure.column))
         if old is None:
             continue
         worse_by = figure.worse_by(old.value)
-        noise = max(old.spread + figure.spread, LEAST * abs(old.value))
+        spread = old.high - old.low + figure.high - figure.low
+        noise = max(spread, LEAST * abs(old.value))
         verdict = "" if abs(worse_by) <= noise else "worse" if worse_by > 0.0 else "better"
         worse += verdict == "worse"
         ratio = f"{figure.value / old.value:.3f}" if old.value else ""
-        rows.append([*name, str(old), str(figure), ratio, verdict])
+        name = figure.table, figure.row, figure.column
+        rows.append((*name, str(old), str(figure), ratio, verdict))
     if not rows:
         raise ResultsError("no figure is in both results")
-    return markdown(["", "", "", "before", "after", "ratio", ""], rows), worse
+    return _markdown(("", "", "", "before", "after", "ratio", ""), rows), worse
 
 
-def write(results: Results, path: Path) -> None:
-    """Write the figures and the tables that show them; create the folder."""
+def write(figures: Sequence[Figure], path: Path) -> None:
+    """Write the figures as CSV; create the folder."""
+    files.make_folder(path.parent, "--csv")
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(Figure.__struct_fields__)
+    writer.writerows(msgspec.structs.astuple(figure) for figure in figures)
+    files.write(path, text.getvalue().encode(), "--csv")
+
+
+def read(path: Path) -> list[Figure]:
+    """Return the figures that `write` has written."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        rows = list(csv.DictReader(io.StringIO(path.read_text())))
+        return [msgspec.convert(row, Figure, strict=False) for row in rows]
     except OSError as error:
-        raise ResultsError(f"{path.parent}: {error.strerror}") from None
-    groups = [group for each in results.benchmarks.values() for group in each]
-    content = msgspec.to_builtins(results) | {"tables": [group.table() for group in groups]}
-    files.write(path, msgspec.json.format(msgspec.json.encode(content)) + b"\n")
+        raise ResultsError(f"{path}: {error.strerror}") from None
+    except (ValueError, csv.Error) as error:
+        raise ResultsError(f"{path}: no results of mecazen bench: {error}") from None
 
 
-def read(path: Path) -> Results:
-    """Return the results that `write` has written."""
-    try:
-        found = msgspec.json.decode(path.read_bytes(), type=Results)
-    except OSError as error:
-        raise ResultsError(f"{path}: {error.strerror}") from error
-    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-        raise ResultsError(f"{path}: no results of mecazen bench: {error}") from error
-    if found.schema != SCHEMA:
-        raise ResultsError(f"{path}: schema {found.schema} instead of {SCHEMA}: measure again")
-    return found
+def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"|{''.join(f' {cell} |' if cell else ' |' for cell in li)}\n" for li in lines)
 
 
 def _number(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
-
-
-def _range(low: float | None, high: float | None) -> str:
-    if low is None or high is None:
-        return f"< {high:g}" if low is None else f"≥ {low:g}"
-    return f"{(low + high) / 2:g} ± {(high - low) / 2:g}"
-
-
-def _cpu() -> str:
-    model = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
-    return model[1].strip() if model else platform.machine()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 def machine() -> str:
@@ -251,10 +155,9 @@ def machine() -> str:
     for name in LIBRARIES:
         with suppress(PackageNotFoundError):
             libraries.append(f"{name} {version(name)}")
+    model = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    processor = model[1].strip() if model else platform.machine()
     kernel = ".".join(platform.release().split(".")[:2])
     system = f"Linux {kernel}, Python {platform.python_version()}"
-    return f"{_cpu()}, {_cores()} cores; {system}, {', '.join(libraries)}"
-
-
-def _load() -> str:
-    return " ".join(f"{value:.2f}" for value in os.getloadavg())
+    cores = len(os.sched_getaffinity(0))
+    return f"{processor}, {cores} cores; {system}, {', '.join(libraries)}"

@@ -4,91 +4,70 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from statistics import median
 from typing import Any
 
 import numpy as np
 from mecazen import keys
-from mecazen.config import Scenario
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.files import to_value
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.messages import StepRequest
+from mecazen.messages import Empty, StepRequest
 from mecazen.programs import classes
+from mecazen.robots import join_key
 from mecazen_tools.simulate import simulate
 from mecazen_tools.simulation import Simulation
 
-from mecazen_bench.harness import Figure, Goal, Group
-from mecazen_bench.stack import SCENARIOS, paused, running, spent_s
+from mecazen_bench.harness import Row, Tables
+from mecazen_bench.processes import HELPERS, SCENARIOS, running, spent_s, spin_until
 
 DURATION_S = 10.0
-GROUPS: dict[str, tuple[tuple[str, ...], ...]] = {
+ONE = "in one process"
+GROUPS = {
     "distributed": (),
     "physics, controller, target; follower": (("physics", "controller", "target"),),
-    "physics, target; controller, follower": (("physics", "target"), ("controller", "follower")),
-    "physics; all others": (("controller", "target", "follower"),),
-    "physics, controller; target; follower": (("physics", "controller"),),
 }
 """The services that share a process, by the name of the grouping; other services run separately."""
+PARTS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "back": ("back", {}),
+    "back, sensor fused": ("back", {"sensor.kind": "fused"}),
+    "crowd, with planner": ("crowd", {"follower.view": "side_left", "follower.planner": {}}),
+}
+"""Scenario and settings of the ticks that are divided among their nodes, by name."""
 BLOCKS, BLOCK_TICKS = 10, 100
-KINDS = ("pose", "body", "legs", "fused")
 
-REAL_TIMES: Goal = (25.0, None)
-DISTRIBUTED: Goal = (0.35, None)
-"""Speed relative to one process, with each service in a separate process."""
-GROUPED: Goal = (0.6, None)
-SHARE: Goal = (None, 10.0)
-OF_POSE: Goal = (0.8, None)
-UNBOUNDED = ("physics", "follower")
-"""Parts whose share has no target: their computation is the purpose of the loop."""
-ENDLESS = ("sim.duration_s=36000.0",)
-"""No run ends within the measurement."""
+ENDLESS = "sim.duration_s=36000.0"
+"""Setting with which no run ends within the measurement."""
+
 Way = tuple[Callable[[int], object], Callable[[], float]]
 """A function that executes a number of ticks, and a function that returns the processor time so far
 [s]."""
 
 
-def run(blocks: int = BLOCKS, duration_s: float = DURATION_S) -> list[Group]:
-    """Run the scenario `back` in one and several processes, and profile the nodes of a tick."""
-    return [_ways(blocks), _parts("back", {"sim.duration_s": duration_s})]
-
-
-def run_senses(duration_s: float = DURATION_S) -> list[Group]:
-    """Run the scenario `back` with each kind of sensor, and profile a tick of the costliest."""
-    factors = {}
-    for kind in KINDS:
-        settings = {"sim.duration_s": duration_s, "sensor.kind": kind}
-        scenario = load_scenario(SCENARIOS / "back.toml", settings)
-        factors[kind] = simulate(scenario, "back")[0].rtf
-    rows = {
-        kind: {
-            "× real time": Figure(factor, "more"),
-            "of pose": Figure(factor / factors["pose"], "more" if kind == "pose" else OF_POSE),
-        }
-        for kind, factor in factors.items()
+def run(blocks: int = BLOCKS, duration_s: float = DURATION_S) -> Tables:
+    """Run `back` in one and several processes, and divide ticks among their nodes."""
+    return {
+        "Whole loop: scenario back": _ways(blocks),
+        **{
+            f"Parts of a tick: scenario {title}": _parts(
+                name, {**settings, "sim.duration_s": duration_s}
+            )
+            for title, (name, settings) in PARTS.items()
+        },
     }
-    how = f"in one process; {duration_s:g} s"
-    fused = _parts("back", {"sim.duration_s": duration_s, "sensor.kind": "fused"}, ", sensor fused")
-    return [Group("Kinds of sensor: scenario back", how, rows), fused]
 
 
-def run_safety(duration_s: float = DURATION_S) -> list[Group]:
-    """Profile a tick of the scenario `crowd` beside the person, with guard and planner."""
-    settings = {
-        "follower.view": "side_left",
-        "follower.planner": {},
-        "sim.duration_s": duration_s,
-    }
-    return [_parts("crowd", settings, ", with planner")]
-
-
-def _ways(blocks: int) -> Group:
+def _ways(blocks: int) -> dict[str, Row]:
     """Execute blocks of ticks in one process and in several, in turns, and compare them."""
-    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(ENDLESS))
+    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings([ENDLESS]))
     wall_s: dict[str, list[float]] = {}
     spent: dict[str, list[float]] = {}
     with ExitStack() as exits:
-        ways = {"in one process": exits.enter_context(_in_one_process(scenario))}
+        sim = exits.enter_context(Simulation(scenario))
+        ways: dict[str, Way] = {
+            ONE: (lambda ticks: sim.run(ticks * scenario.sim.tick_s), time.thread_time)
+        }
         for name, groups in GROUPS.items():
             ways[name] = exits.enter_context(_in_processes(groups))
         for block in range(1 + blocks):
@@ -98,45 +77,37 @@ def _ways(blocks: int) -> Group:
                 if block:  # the first block warms up
                     wall_s.setdefault(name, []).append(time.perf_counter() - begin)
                     spent.setdefault(name, []).append(spent_so_far_s() - before_s)
-    rows = {}
-    for name, own in spent.items():
-        is_one = name == "in one process"
-        ratios = [one / other for one, other in zip(spent["in one process"], own, strict=True)]
-        goal: Goal = 1.0 if is_one else GROUPED if GROUPS[name] else DISTRIBUTED
-        factor = BLOCK_TICKS * scenario.sim.tick_s / median(wall_s[name])
-        rows[name] = {
-            "× real time": Figure(factor, REAL_TIMES if is_one else "more"),
-            "µs/tick": Figure(1e6 * median(own) / BLOCK_TICKS, "less"),
-            "of one process": Figure(median(ratios), goal),
+    return {
+        name: {
+            "× real time": (BLOCK_TICKS * scenario.sim.tick_s / median(wall_s[name]), "more"),
+            "µs/tick": (1e6 * median(seconds) / BLOCK_TICKS, "less"),
+            "of one process": (
+                median(a / b for a, b in zip(spent[ONE], seconds, strict=True)),
+                "more",
+            ),
         }
-    how = (
-        f"lockstep without observers, medians of {blocks} blocks of {BLOCK_TICKS} ticks in turns; "
-        "µs/tick and their ratio, in pairs: processor time of all processes, which share one core; "
-        "services of a process are joined by commas"
-    )
-    return Group("Whole loop: scenario back", how, rows)
-
-
-@contextmanager
-def _in_one_process(scenario: Scenario) -> Iterator[Way]:
-    with Simulation(scenario) as sim:
-        yield lambda ticks: sim.run(ticks * scenario.sim.tick_s), time.thread_time
+        for name, seconds in spent.items()
+    }
 
 
 @contextmanager
 def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
     grouped = (f"processes={to_value(groups)}",) if groups else ()
-    with ExitStack() as exits:
-        stack = exits.enter_context(running("back", 'sim.mode="lockstep"', *ENDLESS, *grouped))
-        bus = exits.enter_context(paused(stack))
-        processes = stack.processes().values()
+    with (
+        running("back", 'sim.mode="lockstep"', ENDLESS, *grouped) as stack,
+        closing(ZenohBus(stack.scenario.bus)) as bus,
+    ):
+        ready = {join_key(f"{service}/ready", robot) for service, robot in stack.scenario.parts}
+        spin_until(bus, lambda: bus.alive() >= ready, "the services do not start")
+        bus.call(keys.SIM_PAUSE, Empty())
+        processes = [p for name, p in stack.processes().items() if name not in HELPERS]
         yield (
             lambda ticks: bus.call(keys.SIM_STEP, StepRequest(ticks=ticks)),
             lambda: sum(map(spent_s, processes)),
         )
 
 
-def _parts(name: str, settings: Mapping[str, Any], variant: str = "") -> Group:
+def _parts(name: str, settings: Mapping[str, Any]) -> dict[str, Row]:
     """Measure the steps of each node in a tick of a scenario."""
     scenario = load_scenario(SCENARIOS / f"{name}.toml", settings)
     with ExitStack() as stack:
@@ -149,27 +120,24 @@ def _parts(name: str, settings: Mapping[str, Any], variant: str = "") -> Group:
         }
         result, _ = simulate(scenario, name)
     total = result.wall_s / result.ticks
+
+    def share(seconds: float) -> Row:
+        return {
+            "µs/tick": (1e6 * seconds, "less"),
+            "% of the tick": (100.0 * seconds / total, "less"),
+        }
+
     rows = {
         part: {
-            "p99 of a step, ms": Figure(1e3 * float(np.percentile(steps, 99)), "less"),
-            **_share(sum(steps) / result.ticks, total, "less" if part in UNBOUNDED else SHARE),
+            "p99 of a step, ms": (1e3 * float(np.percentile(steps, 99)), "less"),
+            **share(sum(steps) / result.ticks),
         }
         for part, steps in spent.items()
     }
-    rest = total - sum(map(sum, spent.values())) / result.ticks
-    rows["messages, clock and trajectory"] = _share(rest, total, SHARE)
-    rows["all"] = _share(total, total, "less")
-    how = (
-        f"in one process; processor time of nodes' steps, means over {scenario.sim.duration_s:g} s"
-    )
-    return Group(f"Parts of a tick: scenario {name}{variant}", how, rows)
-
-
-def _share(seconds: float, total_s: float, goal: Goal) -> dict[str, Figure]:
-    return {
-        "µs/tick": Figure(1e6 * seconds, "less"),
-        "% of the tick": Figure(100.0 * seconds / total_s, goal),
-    }
+    remainder = total - sum(map(sum, spent.values())) / result.ticks
+    rows["messages, clock and trajectory"] = share(remainder)
+    rows["all"] = share(total)
+    return rows
 
 
 @contextmanager

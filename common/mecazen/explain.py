@@ -122,6 +122,8 @@ def _follow(node: mi.Type, value: Any, steps: Iterable[str]) -> tuple[list[str],
     key = []
     for step in steps:
         node = choose(node, value)
+        if isinstance(node, mi.DictType):  # msgspec's path does not name its keys
+            break
         if isinstance(node, mi.TupleType):
             node, value = node.item_types[int(step)], value[int(step)]
         elif isinstance(node, mi.VarTupleType | mi.ListType):

@@ -14,7 +14,6 @@ from docs.pictures import charts, gallery, guarded, hero, rollers, viewer
 
 DOCS = Path(__file__).parents[1]
 PICTURES: dict[str, Callable[[Path], None]] = {
-    "figures/best.png": charts.best,
     "figures/convoy.png": gallery.convoy,
     "figures/corridor.png": partial(guarded.strip, name="corridor"),
     "figures/door.png": partial(guarded.strip, name="door"),
@@ -26,7 +25,6 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "figures/planner.png": gallery.planner,
     "figures/rollers.png": rollers.draw,
     "figures/sensors.png": gallery.sensors,
-    "figures/table2.png": charts.table2,
     "senses.png": partial(viewer.scene, scenario="senses", at_s=7.0),
     "viewer.png": partial(viewer.views, scenario="side", at_s=37.0),
 }

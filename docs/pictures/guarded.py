@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mecazen.config import Scenario
-from mecazen.loading import load_table
-from mecazen_experiments.config import Experiment, chosen, experiment_path
-from mecazen_experiments.jobs import expand
+from mecazen_experiments.expansion import expand
+from mecazen_experiments.study import chosen, load_study, study_path
 from PIL import Image
 
 from docs.pictures import scene
@@ -37,11 +36,10 @@ class Situation(NamedTuple):
 
     def load(self) -> Scenario:
         """Return the scenario of the case's first seed."""
-        experiment = load_table(experiment_path("safety"), Experiment)
         names = {"case": self.case, "driver": self.driver, "view": self.view}
         only = [f"{axis}={name}" for axis, name in names.items()]
-        (series,) = expand(chosen(experiment, only), [experiment.first_seed])
-        return series.jobs[0].load()
+        (job,) = expand(chosen(load_study(study_path("safety")), only), [1])
+        return job.load()
 
 
 SITUATIONS = {

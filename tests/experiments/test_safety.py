@@ -1,76 +1,265 @@
-"""The experiment of safety: its scores, its tables and its films, of short runs."""
+"""Contacts, gaps and sight of runs made up by hand; the studies of safety; a minute by chance."""
 
-import msgspec
+import math
+from itertools import pairwise
+
+import numpy as np
 import pytest
-from experiments.conftest import experiment
-from harness import ROOT
-from mecazen.loading import load_table
-from mecazen_experiments.config import Experiment, chosen
-from mecazen_experiments.jobs import expand
+from harness import SCENARIOS, error_of
+from mecazen import keys
+from mecazen import messages as m
+from mecazen.config.world import Box, Cylinder
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D
+from mecazen.loading import load_scenario
+from mecazen.skeleton import INDEX, LIMBS
+from mecazen_experiments import frame, gaps
+from mecazen_experiments.expansion import Job, expand
+from mecazen_experiments.fuzz import Options, Rider, freeze, fuzz, room
+from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person
+from mecazen_experiments.safety import measure
+from mecazen_experiments.sampler import DIRECTIONS, SPEEDS_M_S, TURNS_RAD_S, twists
+from mecazen_experiments.study import chosen, load_study, study_path
+from mecazen_experiments.tables import make_tables
+from mecazen_follower.planner.mppi import STEPS
+from mecazen_tools.observe import PersonOverTime, Watched, collect
+from mecazen_tools.simulation import Simulation
+from mecazen_tools.table import Poses
+from people import HEIGHT, NEXUS, body
 
-FILE = ROOT / "configs/experiments/safety.toml"
-SHORT = f"""
-kind = "safety"
-seeds = 1
-set = ["follower.standoff_m=1.0"]
-[[cases]]
-name = "hard stop"
-scenario = "{ROOT}/configs/scenarios/safety.toml"
-vary = {{ walks = [3.5, 3.5] }}
-set = [
-    "sim.duration_s=5.0",
-    "start={{ x_m = $x_m, y_m = $y_m, yaw_deg = $yaw_deg }}",
-    "target.path={{ kind = 'script', steps = [{{ duration_s = $walks, speed_m_s = 1.8 }}] }}",
-]
-[grid.driver]
-follower = ["guard.enabled=false"]
-guard = []
-[grid.view]
-back = ["follower.view=back"]
-"""
+from experiments import made_up
 
-
-def test_a_hard_stop_touches_without_a_guard_and_not_with_it(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "short.toml").write_text(SHORT)
-    options = ("run", "short.toml", "--jobs", 1, "--json", "out.json")
-    experiment(*options, "--only", "driver=guard", "--films", "films")
-    assert "films/hard_stop-guard-back.mcap" in capsys.readouterr().out
-    assert (tmp_path / "films" / "hard_stop-guard-back.mcap").stat().st_size > 100_000
-    experiment(*options)
-    written = msgspec.json.decode((tmp_path / "out.json").read_bytes())
-    alone, guarded = written["rows"]
-    assert alone["labels"] == {"case": "hard stop", "driver": "follower", "view": "back"}
-    assert alone["sums"]["contacts_person"] == 1
-    assert guarded["sums"]["contacts_person"] == 0
-    assert guarded["sums"]["time_s"] == pytest.approx(5.0, abs=0.02)  # a tick less
-    assert guarded["least"]["gap_person_m"] > 0.15
-    assert alone["least"]["gap_person_m"] < 0.0
-    out = capsys.readouterr().out
-    assert [word for word in ("hard stop", "all") if word in out] == ["hard stop", "all"]
-    (shown,) = written["tables"]
-    most = float(shown["rows"][1][-1])
-    # after no contact in 5 s: 2.996 / 5 s, in 1/h; the run may be a tick shorter
-    assert most == pytest.approx(2.996 / 5.0 * 3600.0, rel=0.004)
+LENGTH, WIDTH = NEXUS.footprint
+SCENARIO = load_scenario(SCENARIOS / "safety.toml")
+N = 200
 
 
-def test_there_are_twelve_situations_and_all_can_be_loaded_from_each_view():
-    config = chosen(load_table(FILE, Experiment), ["driver=planner"])
-    assert len(config.cases) == 12
-    assert len(expand(config, (1,))) == 12 * len(config.grid["view"])
+def poses(*rows):
+    return Poses(*np.array(rows, dtype=float).T)
 
 
-def test_people_who_break_the_guards_assumptions_can_be_loaded_from_each_view():
-    config = load_table(FILE.with_name("unpromised.toml"), Experiment)
-    assert len(expand(config, (1,))) == 3 * 2 * 2
+def gap(joints):
+    """Return the gap between a robot at the origin and a person."""
+    (value,) = gap_to_person(NEXUS, poses((0.0, 0.0, 0.0)), PersonOverTime(joints[None], HEIGHT))
+    return value
+
+
+# --- gaps ----------------------------------------------------------------------------------------
+
+
+def test_the_gap_to_a_person_ahead_is_to_the_toes():
+    joints = body(pose=(2.0, 0.0, math.pi))
+    (radius,) = {limb.radius for limb in LIMBS if "left_foot" in (limb.begin, limb.end)}
+    toe = joints[INDEX["left_foot"]]
+    joints[:, 1] -= toe[1]
+    assert gap(joints) == pytest.approx(toe[0] - LENGTH - radius * HEIGHT, abs=1e-12)
+
+
+def test_limbs_above_the_robot_and_absent_people_are_not_near():
+    joints = body()
+    joints[:, 2] += NEXUS.height + 0.2
+    assert gap(joints) == math.inf
+    assert math.isnan(gap(np.full((20, 3), math.nan)))
+
+
+def test_a_limb_that_is_level_but_for_rounding_counts_as_level():
+    level = body(pose=(2.0, 0.0, math.pi))
+    heel, toe = INDEX["left_heel"], INDEX["left_foot"]
+    level[heel, 2] = level[toe, 2] = 0.0
+    nearly = level.copy()
+    nearly[heel, 2] = 5e-324
+    assert gap(nearly) == pytest.approx(gap(level), abs=1e-12)
+
+
+def test_distances_of_segments_are_those_of_their_points():
+    first, last = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 1, 100, 2))
+    exact = gaps._to_segments((0.3, 0.2), first, last)
+    shares = np.linspace(0.0, 1.0, 1001)[:, None, None, None]
+    points = (first + shares * (last - first)).reshape(1, -1, 2)
+    sampled = gaps.to_outline(poses((0.0, 0.0, 0.0)), (0.3, 0.2), points).reshape(1001, 1, 100)
+    # two samples are at most 3 mm apart
+    assert sampled.min(axis=0) == pytest.approx(exact, abs=1.5e-3)
+
+
+def test_the_gap_to_an_obstacle_is_the_straight_line():
+    pillar = Cylinder(size_m=(0.1, 1.0), position_m=(1.0, 1.0))
+    straight, turned = gap_to_obstacle(
+        NEXUS, poses((0.0, 0.0, 0.0), (0.0, 0.0, math.pi / 4)), pillar
+    )
+    assert straight == pytest.approx(math.hypot(1.0 - LENGTH, 1.0 - WIDTH) - 0.1, abs=1e-12)
+    assert turned == pytest.approx(math.sqrt(2.0) - LENGTH - 0.1, abs=1e-12)
+    wall = Box(size_m=(4.0, 0.1, 1.0), position_m=(1.0, 0.0), yaw_deg=90.0)
+    to_wall = gap_to_obstacle(NEXUS, poses((0.0, 0.3, 0.0), (1.0 - LENGTH, 0.0, 0.0)), wall)
+    assert to_wall == pytest.approx([0.95 - LENGTH, 0.0], abs=1e-12)
+
+
+# --- measures ------------------------------------------------------------------------------------
+
+
+def measured(robot_x, person_x, pedestrian_y=None):
+    """Return the measures of a robot and a person along x, and a pedestrian along y at x = 0."""
+    still = np.zeros(N)
+    table = made_up.run(N, robot=(robot_x, 0.0, 0.0), target=(person_x, 0.0, 0.0))
+    person = np.array([body(pose=(x, 0.0, 0.0)) for x in np.broadcast_to(person_x, N)])
+    pedestrians = ()
+    if pedestrian_y is not None:
+        bodies = np.array([body(pose=(0.0, y, 0.0)) for y in pedestrian_y])
+        pedestrians = (PersonOverTime(bodies, HEIGHT),)
+    t = made_up.TICK_S * np.arange(N)
+    frames = [
+        (m.Header(m.Time.from_ns(round(time * 1e9))), None if k % 4 == 3 else m.Skeleton())
+        for k, time in enumerate(t.tolist())
+    ]
+    run = Watched(
+        table,
+        t,
+        Poses(robot_x, still, still),
+        PersonOverTime(person, HEIGHT),
+        pedestrians,
+        (),
+        frames,
+    )
+    return measure(run, SCENARIO)
+
+
+STANDS, COMES = np.zeros(N), np.linspace(2.0, 0.0, N)
+
+
+@pytest.mark.parametrize(
+    ("robot", "person", "contacts"),
+    [
+        (STANDS, COMES, (0, 1)),  # the person walks into a standing robot
+        (2.0 - COMES, np.linspace(2.0, 1.9, N), (1, 1)),
+        (STANDS, np.linspace(3.0, 3.1, N), (0, 0)),
+    ],
+)
+def test_a_contact_is_caused_by_a_robot_that_drives_at_the_person(robot, person, contacts):
+    scores = measured(robot, person)
+    assert (scores["contacts_person"], scores["contacts_person_all"]) == contacts
+    assert (scores["gap_person_m"] < 0.0) == bool(contacts[1])
+
+
+def test_pedestrians_count_apart():
+    scores = measured(STANDS, np.linspace(3.0, 3.1, N), COMES - 2.0)
+    assert (scores["contacts_others"], scores["contacts_others_all"]) == (0, 1)
+    assert scores["gap_others_m"] < 0.0 < scores["gap_person_m"]
+    scores = measured(-COMES, np.linspace(3.0, 3.1, N), STANDS)
+    assert (scores["contacts_others"], scores["contacts_others_all"]) == (1, 1)
+    assert scores["conflict_s"] > 0.0
+
+
+def test_three_frames_of_four_show_the_person():
+    scores = measured(STANDS, np.linspace(1.2, 1.3, N))
+    assert scores["view_percent"] == pytest.approx(75.0, abs=1.0)
+    assert scores["regain_s"] == pytest.approx(made_up.TICK_S)
+
+
+# --- studies -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "rows"), [("safety", 12 * 4), ("unpromised", 3 * 2)])
+def test_each_situation_can_be_loaded_and_shown(name, rows):
+    study = chosen(load_study(study_path(name)), ["driver=guard"])
+    jobs = expand(study, [1])
+    assert len(jobs) == rows
+    scores = measured(STANDS, COMES)
+    text = frame.to_csv(jobs, {job.key: scores for job in jobs})
+    every, situations = make_tables(study, frame.read(study, text))
+    assert [row[0] for row in every.rows] == ["guard"]
+    assert len(situations.rows) == len(study.cases)
 
 
 def test_all_drivers_and_views_meet_the_same_values_of_a_seed():
-    config = load_table(FILE, Experiment)
-    config = chosen(config, ["case=door", "driver=guard", "driver=planner"])
-    first, *others = (
-        [setting for job in one.jobs for setting in job.settings if "target.path" in setting]
-        for one in expand(config, (1, 2))
-    )
-    assert first[0] != first[1]
-    assert others == [first] * 7
+    only = ["case=door", "driver=guard", "driver=planner"]
+    paths: dict[tuple[object, object], list[object]] = {}
+    for job in expand(chosen(load_study(study_path("safety")), only), [1, 2]):
+        walks = paths.setdefault((job.labels["driver"], job.labels["view"]), [])
+        walks.append(job.load().target.path)
+    assert len(paths) == 8
+    assert len({*map(tuple, paths.values())}) == 1
+    first, second = paths["guard", "back"]
+    assert first != second
+
+
+def test_each_twist_of_the_sampler_lasts_for_the_horizon():
+    commands = twists()
+    assert commands.shape == (STEPS, 3, len(SPEEDS_M_S) * DIRECTIONS * len(TURNS_RAD_S))
+    assert (commands == commands[0]).all()
+    x, y, turn = commands[0]
+    assert np.unique(np.hypot(x, y).round(4)) == pytest.approx(SPEEDS_M_S)
+    assert np.unique(turn) == pytest.approx(TURNS_RAD_S)
+
+
+# --- by chance -----------------------------------------------------------------------------------
+
+
+def minute(seed, *settings):
+    return fuzz(Job("fuzz", {}, {}, seed, None, None, settings, "", ""))
+
+
+@pytest.mark.parametrize("world", ["", "programs={}"], ids=["plane", "rollers"])
+def test_a_guarded_robot_touches_nothing(world):
+    scores = minute(3, "sim.duration_s=4.0", "speed_m_s=0.0", *filter(None, [world]))
+    assert scores["contacts"] == scores["walls"] == 0
+    assert scores["driven_m"] > 1.0
+
+
+def test_a_robot_without_a_guard_touches_something():
+    scores = minute(1, "sim.duration_s=20.0", "guard.enabled=false")
+    assert scores["caused"] + scores["walls"] > 0
+    assert min(scores["gap_person_m"], scores["gap_walls_m"]) < 0.0
+
+
+def test_the_person_walks_at_the_robot_and_brakes_within_a_time():
+    chance = np.random.default_rng(1)
+    scenario = room(1, chance, {"sim.tick_s": 0.02, "world.obstacles": []})
+    rider = Rider(chance, scenario, Options(speed_m_s=1.5))
+    robot, person, speeds, distances = Pose2D(50.0, 0.0), Pose2D(), [], []
+    for tick in range(2000):
+        twist = rider.walk(tick, robot, person)
+        person = person.integrate(twist, 0.02)
+        speeds.append(twist.x)
+        distances.append(robot.distance(person))
+    # 6 m/s² in 20 ms
+    assert max(abs(b - a) for a, b in pairwise(speeds)) == pytest.approx(0.12)
+    assert max(speeds) == 1.5
+    assert min(distances) < 50.0 - 5.0  # a third of 40 s towards the robot, and the rest anywhere
+
+
+@pytest.mark.parametrize(
+    "driver", [(), ('services=["physics", "controller", "target", "follower"]',)]
+)
+def test_no_frozen_service_makes_a_guarded_robot_touch_a_person_who_stands(driver):
+    scores = minute(4, "sim.duration_s=20.0", "speed_m_s=0.0", "freezes=true", *driver)
+    assert scores["caused"] == scores["walls"] == 0
+
+
+def test_a_frozen_service_gives_nothing_and_then_continues():
+    scenario = load_scenario(SCENARIOS / "back.toml", {"sim.duration_s": 20.0})
+    with Simulation(scenario) as sim:
+        frozen = freeze(sim, 1)
+        (commands,) = collect(sim, keys.JOINT_COMMAND).values()
+    ticks = {round(command.header.stamp.ns / 1e7) for command in commands}
+    missing = {*range(scenario.sim.ticks)} - ticks
+    windows = [window for name, window in frozen if name == "controller"]
+    assert missing == {tick for window in windows for tick in window if tick < scenario.sim.ticks}
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [("speed_m_s='fast'", "speed_m_s"), ("speed=1.0", "speed"), ("guard.enable=1", "enabled")],
+)
+def test_a_wrong_option_is_reported_in_one_line(setting, words):
+    assert words in error_of(ConfigError, lambda: minute(1, setting))
+
+
+def test_contacts_by_speed_are_a_table():
+    study = load_study(study_path("fuzz"))
+    jobs = expand(study, [1, 2])
+    names = {name for table in study.tables for _, name, *_ in table.columns} | {"time_s"}
+    scores = dict.fromkeys(names, 1.0)
+    text = frame.to_csv(jobs, {job.key: scores for job in jobs})
+    (table,) = make_tables(study, frame.read(study, text))
+    assert len(table.rows) == len(study.grid["driver"]) * len(study.sweep["speed_m_s"])
+    # 6.296 at most where 2 were counted, by tables of Garwood, in 2 s
+    assert table.rows[0][table.head.index("at most [1/h]")] == f"{6.296 * 1800.0:.0f}.0"

@@ -1,41 +1,124 @@
-"""Tables of rows: labels, and means, sums and least values of scores."""
+"""Tables of made-up runs: rows, units, intervals, and what is read back from a file."""
 
-import msgspec
-from mecazen_experiments.following import FOLLOWING
-from mecazen_experiments.report import summarise
-from mecazen_experiments.tables import table
+import math
+from pathlib import Path
 
-from experiments import made_up
+import pytest
+from mecazen_experiments import frame
+from mecazen_experiments.expansion import Job
+from mecazen_experiments.study import Study, load_study
+from mecazen_experiments.tables import make_table, make_tables, markdown
+
+STUDY = """
+[[cases]]
+name = "a"
+limits = { x = 1.5, x_ratio = 2.0 }
+published = { x = 0.5 }
+[[cases]]
+name = "b"
+[grid.view]
+back = []
+side = []
+[derive]
+double = "2 * x"
+"""
 
 
-def test_a_row_shows_its_labels_and_each_score_as_it_was_summarised():
-    row = msgspec.structs.replace(
-        made_up.row("door, back", 0.1, 0.2, 0.3),
-        labels={"case": "[door]", "view": "back"},
-        sums={"contacts": 3.0},
-        least={"gap": -0.25, "none": None},
+def study(tmp_path: Path, *tables: str) -> Study:
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY + "".join(f"[[table]]\n{table}\n" for table in tables))
+    return load_study(file)
+
+
+def runs(rows):
+    """Return a CSV of rows (case, view, walk, seed, columns)."""
+    jobs, results = [], {}
+    for number, (case, view, walk, seed, columns) in enumerate(rows):
+        file = Path(walk) if walk else None
+        labels = {"case": case, "view": view}
+        jobs.append(Job("p", labels, labels, seed, file, None, (), f"{number:04}", ""))
+        results[f"{number:04}"] = columns
+    return frame.to_csv(jobs, results)
+
+
+def ten(case, view, offset=0.0, **more):
+    return [(case, view, "", seed, {"x": 0.1 * seed + offset, **more}) for seed in range(1, 11)]
+
+
+def test_a_csv_is_read_back_to_the_same_tables(tmp_path):
+    spec = study(
+        tmp_path, 'rows = ["case", "view"]\ncolumns = [["x", "x", 3], ["2x", "double", 3]]'
     )
-    columns = [("touched", "contacts", 0), ("gap", "gap", 2), ("far", "none", 2)]
-    columns += [("D_err", "d_err_m", 3), ("NEES", "nees", 2)]
-    text = made_up.shown(table(["situation", "view"], columns, [row]))
-    cells = next(line for line in text.splitlines() if "door" in line).split("│")[1:-1]
-    assert [cell.strip() for cell in cells] == (
-        ["[door]", "back", "3", "3", "-0.25", "", "0.200", "-"]
+    values = (0.1 + 0.2, 1e-17, math.pi, None)
+    text = runs([("a", "back", "w", n, {"x": x, "name": "q,"}) for n, x in enumerate(values)])
+    read = frame.read(spec, text)
+    assert read["x"].tolist()[:3] == list(values[:3])
+    assert math.isnan(read["x"][3])
+    assert read["draw"].tolist() == ["w"] * 4
+    assert make_tables(spec, read) == make_tables(spec, frame.read(spec, text))
+
+
+def test_a_unit_is_averaged_before_its_interval(tmp_path):
+    spec = study(tmp_path, 'rows = ["case"]\nunit = "walk"\ncolumns = [["x [m]", "x", 1]]')
+    rows = [("b", "back", "u", 1, {"x": 0.0}), ("b", "back", "u", 2, {"x": 2.0})]
+    rows += [("b", "back", "v", 1, {"x": 3.0})]
+    (table,) = make_tables(spec, frame.read(spec, runs(rows)))
+    assert table.head == ("case", "n", "x [m]")
+    assert table.rows == [("b", "2 (3 runs)", "1.0, 3.0")]  # two units are two values
+
+
+def test_columns_summarise_in_several_ways(tmp_path):
+    spec = study(
+        tmp_path,
+        'rows = ["case"]\ncolumns = [["ok", "ok", 0, "share"], ["sum", "x", 1, "sum"], '
+        '["least", "x", 1, "min"], ["most", "x", 1, "max"], ["paper", "published_x", 1, "value"], '
+        '["rate", "hits", 1, "most_per_hour"], ["gone", "gone", 1]]',
     )
-    # 4.303 (Student's distribution, n = 3) times 0.1 / sqrt(3)
-    assert "-0.048 … 0.448" in text
+    rows = ten("a", "back", ok=True, hits=0, time_s=360.0, gone=None)
+    (table,) = make_tables(spec, frame.read(spec, runs(rows)))
+    # Clopper and Pearson: 0.025 ** (1 / 10); Garwood: 3.0 events in an hour
+    assert table.rows == [("a", "10", "100 (69–100)", "5.5", "0.1", "1.0", "0.5", "3.0", "-")]
 
 
-def test_two_units_are_shown_as_two_values():
-    text = made_up.shown(table(["case"], [("D_err", "d_err_m", 3)], [made_up.row("a", 0.2, 0.1)]))
-    assert "0.100, 0.200" in text
-    assert "…" not in text
+def test_a_row_is_compared_with_its_reference_in_pairs(tmp_path):
+    spec = study(
+        tmp_path,
+        'rows = ["case", "view"]\nreference = { view = "back" }\n'
+        'columns = [["x", "x", 2], ["more", "x", 2, "difference"], ["ratio", "x", 2, "ratio"]]',
+    )
+    rows = [*ten("a", "back"), *ten("a", "side", 1.0), *ten("b", "side")[:3]]
+    (table,) = make_tables(spec, frame.read(spec, runs(rows)))
+    back, side, alone = table.rows
+    assert back[3:] == ("0.55 (0.33–0.77) ≤ 1.5 ✓", "", "")
+    assert side[3:5] == ("1.55 (1.33–1.77) ≤ 1.5 ✗", "1.00 (1.00–1.00)")
+    assert side[5].endswith("≤ 2 ✗")  # of the ratio
+    assert alone[2:] == ("3", "0.20 (-0.05–0.45)", "", "")
+    assert "✓" in table.note
 
 
-def test_runs_that_are_not_independent_are_counted_with_their_units():
-    runs = {("a", 1): 0.1, ("a", 2): 0.2, ("b", 1): 0.4, ("b", 2): 0.4}
-    found = summarise(FOLLOWING, *made_up.series("walks", runs))
-    text = made_up.shown(table(["case"], [("D_err", "d_err_m", 3)], [found]))
-    row = next(line for line in text.splitlines() if "walks" in line)
-    assert row.split("│")[2].strip() == "2"
-    assert "4 runs" in text
+def test_no_verdict_below_ten_units(tmp_path):
+    spec = study(tmp_path, 'rows = ["case"]\ncolumns = [["x", "x", 2]]')
+    (table,) = make_tables(spec, frame.read(spec, runs(ten("a", "back")[:9])))
+    assert table.rows[0][2].endswith("≤ 1.5")
+    assert "✓" not in table.note
+
+
+def test_words_of_each_make_rows_and_where_selects(tmp_path):
+    spec = study(
+        tmp_path,
+        'where = "view == \'back\'"\neach = { stage = ["raw", "fine"] }\n'
+        'columns = [["error", "{stage}_x", 0]]',
+    )
+    row = {"raw_x": 2.0, "fine_x": 1.0}
+    rows = [("a", view, "", 1, row) for view in ("back", "side")]
+    read = frame.read(spec, runs([(*each[:4], {"x": 0.0, **each[4]}) for each in rows]))
+    table = make_table(read, spec.tables[0])
+    assert table.rows == [("raw", "1", "2"), ("fine", "1", "1")]
+    assert markdown(table).splitlines()[-1] == "| fine | 1 | 1 |"
+
+
+@pytest.mark.parametrize("cell", ["a | b"])
+def test_markdown_escapes_bars(tmp_path, cell):
+    spec = study(tmp_path, 'rows = ["view"]\ncolumns = [["x", "x", 0]]')
+    read = frame.read(spec, runs([("a", cell, "", 1, {"x": 1.0})]))
+    assert "a \\| b" in markdown(make_table(read, spec.tables[0]))

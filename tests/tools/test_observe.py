@@ -48,7 +48,6 @@ def test_a_run_has_all_ticks_and_all_samples(short):
     assert [len(samples) for samples in run.samples.values()] == [150, 150]
     odom = run.samples[ODOM.key][99].pose.pose.to_planar()
     assert run.table.poses("odom").at(99) == odom
-    assert np.isnan(run.table["estimate_x_m"][0])  # nothing is known before the first observation
     assert run.table.tracking[-1] == "following"
     late = run.table.where(slice(100, None))
     assert late["t_s"][0] == run.table["t_s"][100]
@@ -71,8 +70,11 @@ def test_a_drive_is_asked_in_every_tick_but_the_last():
         ticks.append((tick, len(samples[CLOCK.key])))
         return {}
 
-    observe(load_scenario(BACK, {"sim.duration_s": 0.05}), CLOCK, drive=drive)
+    teleop = load_scenario(SCENARIOS / "teleop.toml", {"sim.duration_s": 0.05})
+    table = observe(teleop, CLOCK, drive=drive).table
     assert ticks == [(tick, tick) for tick in range(1, 5)]
+    assert np.isnan(table["estimate_x_m"]).all()  # no follower takes part
+    assert set(table.tracking) == {""}
 
 
 def test_bodies_need_a_tracker():

@@ -48,8 +48,7 @@ class SimConfig(Section):
 MAX_DT_S = 0.005
 """Largest physics step: with longer steps, wheels at their highest speed would skip a roller.
 
-Up to this step, gains are within 0.5 % of the geometry and the base does not move up and down:
-`mecazen bench run --only steps`."""
+Up to this step, gains are within 0.5 % of the geometry: `mecazen bench run --only physics`."""
 
 
 class Pid(Section, frozen=True, kw_only=True):

@@ -37,8 +37,8 @@ from mecazen_experiments.followbench.view import Place
 from mecazen_experiments.jobs import Job, Key, Series, version, with_content
 from mecazen_experiments.report import Kind, Record, Row, regroup
 from mecazen_experiments.run import file_name
-from mecazen_experiments.safety import MORE, SAFETY
-from mecazen_experiments.tables import Column, table
+from mecazen_experiments.safety_old import MORE, SAFETY
+from mecazen_experiments.tables_old import Column, table
 
 T = TypeVar("T")
 

@@ -12,9 +12,9 @@ from mecazen_tools.table import Poses
 from mecazen_experiments.capture import Motion, motion_of
 from mecazen_experiments.gait.path import PATH_HZ, lowpass
 from mecazen_experiments.gait.stages import seen_stages, true_stage
-from mecazen_experiments.safety import COLUMNS as SAFETY_COLUMNS
-from mecazen_experiments.safety_scores import Safety, safety
-from mecazen_experiments.tables import Column
+from mecazen_experiments.safety_old import COLUMNS as SAFETY_COLUMNS
+from mecazen_experiments.safety_old import Safety, safety
+from mecazen_experiments.tables_old import Column
 
 WALKS_M_S = 0.5
 """Speed below which a person has stopped: strides are measured in the longest walk without a

@@ -5,63 +5,76 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from mecazen.errors import ConfigError
+import msgspec
+import typer
+from mecazen.loading import given_file, load_table
+from mecazen.robot import Robot
 from typer import Argument, Option
 
-Sources = Annotated[
-    list[Path] | None,
-    Argument(
-        metavar="FILE…",
-        help="Recordings (MCAP), CSV files, or a folder of sessions.",
-        show_default=False,
-    ),
-]
-FormatName = Annotated[
-    str | None,
-    Option(
-        "--format",
-        metavar="FORMAT",
-        help="mcap, csv or optiodom (a folder).",
-        show_default="by suffix",
-    ),
-]
-RobotName = Annotated[
-    str, Option("--robot", metavar="ROBOT", help="The robot file from which a fit begins.")
-]
-Columns = Annotated[
-    list[str] | None,
-    Option(metavar="NAME=COLUMN", help="Name of a CSV column, e.g. time_s=t.", show_default=False),
-]
-Out = Annotated[Path, Option(metavar="FOLDER", help="Where report, figures and robot file go.")]
-PlanFile = Annotated[
-    Path | None,
-    Option(
-        "--plan", metavar="FILE.csv", help="Write the excitation, and no more.", show_default=False
-    ),
-]
+# every start of `mecazen` imports this module: the functions import what is slow
 
 
 def identify(
-    sources: Sources = None,
-    format_: FormatName = None,
-    robot: RobotName = "nexus",
-    columns: Columns = None,
-    out: Out = Path("identified"),
-    plan: PlanFile = None,
+    sources: Annotated[
+        list[Path],
+        Argument(
+            metavar="FILE…",
+            help="Recordings (MCAP), CSV files, or folders of sessions.",
+            show_default=False,
+        ),
+    ],
+    robot: Annotated[
+        str, Option(metavar="ROBOT", help="The robot file from which a fit begins.")
+    ] = "nexus",
+    out: Annotated[
+        Path, Option(metavar="FOLDER", help="Where report, figure and robot file go.")
+    ] = Path("identified"),
+    *,
+    validate: Annotated[
+        bool,
+        Option(
+            "--validate",
+            help="Fit to every second session, and report the drift on all others.",
+        ),
+    ] = False,
 ) -> None:
     """Identify a robot's kinematics and motors; write a report and a robot file.
 
     Recordings have joint_states, ground_truth/odom and joint_command. A CSV file has the columns
     time_s, x_m, y_m, yaw_rad of the reference, and front_left_rad, front_right_rad, rear_left_rad,
-    rear_right_rad, the angles of the wheels. Times may also be in ms, µs or ns, from any moment.
+    rear_right_rad, the angles of the wheels. Times are in seconds, from any moment.
 
-    Example: mecazen identify --format optiodom FOLDER --robot omni4 --out report
+    With --validate, models and the full simulation are compared by their drift from the reference.
+
+    Example: mecazen identify FOLDER --robot omni4 --out report
     """
-    from mecazen_experiments.identify import commands  # noqa: PLC0415  # every start imports this
+    # every start of `mecazen` imports this module
+    from mecazen_tools import files  # noqa: PLC0415
 
-    if plan is not None:
-        commands.write_plan(plan)
-    elif not sources:
-        raise ConfigError("identify needs recordings, or --plan FILE.csv")
+    from mecazen_experiments.identify import data, motors, report  # noqa: PLC0415
+    from mecazen_experiments.identify import identification as kinematics  # noqa: PLC0415
+    from mecazen_experiments.identify.simulate import identified_robot  # noqa: PLC0415
+    from mecazen_experiments.identify.validate import validate as validated  # noqa: PLC0415
+
+    base = load_table(given_file(robot, "robot"), Robot)
+    runs, logs = data.read(sources)
+    files.make_folder(out, "--out")
+    if validate:
+        validation, changed = validated(base, runs)
+        result, sessions = validation.identification, validation.sessions
+        name, lines = "validation.md", [*report.validation_lines(validation)]
+        typer.echo("\n".join(lines))
     else:
-        commands.identify(sources, format_, robot, columns or (), out)
+        result = kinematics.identify(base, runs, logs)
+        sessions = result.sessions
+        changed = identified_robot(base, result.geometry.parameters, result.roller_count, runs[0])
+        if result.motors:
+            real = motors.identified_motors(result.motors)
+            changed = msgspec.structs.replace(changed, motors=real)
+        name, lines = "report.md", [*report.identification_lines(result)]
+        typer.echo(f"lateral over forward gain: {report.interval(result.lateral_gain, 4)}")
+        typer.echo(f"most likely number of rollers: {result.roller_count}")
+        for note in result.notes:
+            typer.echo(note, err=True)
+    for file in report.write(out / name, lines, sessions, result, changed):
+        typer.echo(file)

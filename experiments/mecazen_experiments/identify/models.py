@@ -1,85 +1,78 @@
-"""Kinematic models, from the nominal model of the robot file to a full matrix.
+"""Kinematic models and their fit by maximum likelihood.
 
-Each model is a matrix J (3, 4) that maps the rotation of the wheels [rad] to the motion of the
+A model is a matrix J (3, 4) that maps the rotation of the wheels [rad] to the motion of the
 robot [m, m, rad]. With radius R, lever l and lateral gain g,
 
     J = R/4 · [[1, 1, 1, 1], [-g, g, g, -g]/c, [-1, 1, -1, 1]/l],     c = ±cot γ of the rollers.
 
 The ideal kinematics have g = 1; a wheel of N rollers has g = sin(π/N)/(π/N).
+
+Residuals of windows are normal, with one deviation for position and one for yaw in each group of
+runs; both are estimated. Windows of a run are not quite independent, so the intervals are over
+sessions, or over blocks of windows of a single session. Intervals from the curvature are given for
+comparison.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from mecazen.robot import WHEELS, Robot
+from mecazen.robot import Robot
+from scipy.optimize import least_squares
 
-from mecazen_experiments.identify.runs import Array
+from mecazen_experiments.identify.data import Array
+from mecazen_experiments.identify.windows import Moments, gains, ideal_matrix, in_reference, total
+from mecazen_experiments.statistics import jackknife
 
-SIDES = np.array([-1.0, 1.0, 1.0, -1.0])
-"""Direction in which each wheel pushes the robot along y."""
-TURNS = np.array([-1.0, 1.0, -1.0, 1.0])
-"""Direction in which each wheel turns the robot."""
 FRAME = ("misalignment_rad", "offset_x_m", "offset_y_m")
 """Mounting of the reference on the robot: its yaw, and its position in base_link."""
 ROLLER_COUNTS = range(5, 13)
 """Hypotheses on the number of rollers."""
+ROUNDS = 4
+"""Number of fits; each uses the noise estimated by the previous fit."""
+MAX_CORRELATION = 0.995
+"""Parameters with a higher correlation can't be told apart."""
+VAGUE = 0.1
+"""A parameter with a larger standard deviation [m, rad or 1] is not determined."""
 
-
-@dataclass(frozen=True)
-class Nominal:
-    """The values of the robot file, from which a fit begins."""
-
-    radius: float
-    lever: float
-    cross_gain: float
-
-    @staticmethod
-    def of(robot: Robot) -> Nominal:
-        """Return the values of a robot file."""
-        return Nominal(robot.wheels.radius_m, robot.lever, robot.cross_gain)
-
-    def matrix(self, radius: float, lever: float, lateral_gain: float = 1.0) -> Array:
-        """Return J."""
-        rows = np.ones(4), SIDES * lateral_gain / self.cross_gain, TURNS / lever
-        return radius / 4.0 * np.stack(rows)
+Unit = tuple[str, Moments]
+"""Group and moments of an independent part of the data."""
+Noise = tuple[float, float]
+"""Standard deviations of a window's residuals of position [m] and yaw [rad]."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """A model: the names of its parameters, and the function from parameters to the matrix.
-
-    Each fitted model also has the parameters `FRAME` for each group of runs.
-    """
+    """Kinematics with radius and lever as parameters; each group of runs also has `FRAME`."""
 
     name: str
-    parameters: tuple[str, ...]
-    start: tuple[float, ...]
-    matrix: Callable[[Array], Array] = field(repr=False)
-    """Function from parameters to J (3, 4)."""
+    robot: Robot
+    lateral_gain: float | None = None
+    """None if it is a parameter."""
+
+    @property
+    def start(self) -> dict[str, float]:
+        """The parameters, with the values from which a fit begins."""
+        free = {} if self.lateral_gain is not None else {"lateral_gain": 1.0}
+        return {"radius_m": self.robot.wheels.radius_m, "lever_m": self.robot.lever, **free}
 
     def names(self, groups: Sequence[str]) -> tuple[str, ...]:
-        """Return the names of all free parameters."""
-        if not self.parameters:
-            return ()
+        """Return the names of all parameters."""
         frames = [f"{name} of {group}" if group else name for group in groups for name in FRAME]
-        return (*self.parameters, *frames)
+        return (*self.start, *frames)
 
-    def begin(self, groups: Sequence[str]) -> Array:
-        """Return the parameters from which a fit begins."""
-        frames = len(self.names(groups)) - len(self.parameters)
-        return np.array([*self.start, *(0.0,) * frames])
+    def mounting(self, values: Array, group: int) -> Array:
+        """Return misalignment [rad] and offset [m] of a group (3,)."""
+        return values[len(self.start) + 3 * group :][:3]
 
     def coefficients(self, values: Array, group: int) -> Array:
         """Return J in the reference's frame, and the reference's offset, for a group (14,)."""
-        count = len(self.parameters)
-        j = self.matrix(values[:count])
-        turn, x, y = values[count + 3 * group :][:3] if count else (0.0, 0.0, 0.0)
-        c, s = math.cos(turn), math.sin(turn)
-        return np.concatenate([c * j[0] + s * j[1], c * j[1] - s * j[0], j[2], [x, y]])
+        gain = values[2] if self.lateral_gain is None else self.lateral_gain
+        j = ideal_matrix(self.robot, values[0], values[1], gain)
+        return in_reference(j, self.mounting(values, group))
 
 
 def rollers_gain(count: int) -> float:
@@ -88,69 +81,187 @@ def rollers_gain(count: int) -> float:
     return math.sin(arc) / arc
 
 
-def nominal(robot: Nominal) -> Model:
-    """Return the model of the robot file, without fitted parameters."""
-    return Model("nominal", (), (), lambda _: robot.matrix(robot.radius, robot.lever))
+def ideal(robot: Robot) -> Model:
+    """Return the ideal kinematics."""
+    return Model("ideal, calibrated", robot, 1.0)
 
 
-def ideal(robot: Nominal) -> Model:
-    """Return the ideal kinematics with fitted radius and lever."""
-    return _calibrated("ideal, calibrated", robot, 1.0)
-
-
-def rollers(robot: Nominal, count: int) -> Model:
+def rollers(robot: Robot, count: int) -> Model:
     """Return the model with the lateral gain of a wheel of `count` rollers."""
-    return _calibrated(f"geometry, {count} rollers", robot, rollers_gain(count))
+    return Model(f"geometry, {count} rollers", robot, rollers_gain(count))
 
 
-def _calibrated(name: str, robot: Nominal, gain: float) -> Model:
-    return Model(
-        name,
-        ("radius_m", "lever_m"),
-        (robot.radius, robot.lever),
-        lambda own: robot.matrix(own[0], own[1], gain),
-    )
-
-
-def lateral(robot: Nominal) -> Model:
+def lateral(robot: Robot) -> Model:
     """Return the model with a free lateral gain."""
-    return Model(
-        "lateral gain free",
-        ("radius_m", "lever_m", "lateral_gain"),
-        (robot.radius, robot.lever, 1.0),
-        lambda own: robot.matrix(own[0], own[1], own[2]),
-    )
+    return Model("lateral gain free", robot)
 
 
-def per_wheel(robot: Nominal) -> Model:
-    """Return the model with a separate radius for each wheel."""
-    return Model(
-        "per wheel",
-        ("lever_m", "lateral_gain", *(f"radius of {wheel}_m" for wheel in WHEELS)),
-        (robot.lever, 1.0, *[robot.radius] * 4),
-        lambda own: robot.matrix(1.0, own[0], own[1]) * own[2:6],
-    )
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    """Interval over sessions or blocks of windows; NaN without a second one to fit to."""
+    curvature: float
+    """Half of the interval from the curvature of the likelihood."""
 
 
-def full(robot: Nominal) -> Model:
-    """Return the model with a full matrix.
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted to groups of runs."""
 
-    The x axis is the direction of motion while all wheels turn alike, so the second row sums to 0.
-    Any other direction could not be distinguished from the reference's misalignment.
+    model: Model
+    groups: tuple[str, ...]
+    values: Array
+    noise: Mapping[str, Noise]
+    slopes: Array
+    """Derivatives of the residuals in units of their noise (m, p)."""
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """The values of the free parameters."""
+        return dict(zip(self.model.names(self.groups), self.values.tolist(), strict=True))
+
+    def mounting(self, group: str) -> Array:
+        """Return misalignment [rad] and offset [m] of a group (3,)."""
+        return self.model.mounting(self.values, self.groups.index(group))
+
+    def coefficients(self, group: str) -> Array:
+        """Return J and the reference's offset for a group (14,)."""
+        return self.model.coefficients(self.values, self.groups.index(group))
+
+    def log_likelihood(self, group: str, moments: Moments) -> float:
+        """Return the logarithm of the likelihood of windows of a group."""
+        errors = moments.errors(self.coefficients(group)).tolist()
+        result = 0.0
+        for error, sigma, axes in zip(errors, self.noise[group], (2, 1), strict=True):
+            result -= error / (2.0 * sigma**2)
+            result -= axes * moments.count * math.log(sigma * math.sqrt(2.0 * math.pi))
+        return result
+
+
+def fit(model: Model, units: Sequence[Unit]) -> Fit:
+    """Return the fit of a model to parts of the data."""
+    return _fit(model, _sums(units))
+
+
+def estimates(fitted: Fit, units: Sequence[Unit]) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+    """Return the parameters with intervals, and sentences on undetermined parameters.
+
+    Args:
+        fitted: The fit.
+        units: The independent parts of the data.
     """
-    begin = robot.matrix(robot.radius, robot.lever).ravel()
-    free = [index for index in range(12) if index != 7]
-    names = [f"{axis} per {wheel}" for axis in ("x", "y", "yaw") for wheel in WHEELS]
+    spread = covariance(fitted.slopes)
 
-    def matrix(own: Array) -> Array:
-        j = np.empty(12)
-        j[free] = own
-        j[7] = -j[4:7].sum()
-        return j.reshape(3, 4)
+    def values(kept: Sequence[Unit]) -> list[float]:
+        again = _fit(fitted.model, _sums(kept), fitted).by_name
+        return [again.get(name, math.nan) for name in fitted.by_name]  # NaN without the group
 
-    return Model("full 3 × 4", tuple(names[index] for index in free), tuple(begin[free]), matrix)
+    result = {}
+    for (name, value), interval, variance in zip(
+        fitted.by_name.items(), jackknife(values, units), np.diag(spread), strict=True
+    ):
+        half = interval.high - interval.mean if len(units) > 1 else math.nan
+        result[name] = Estimate(value, value - half, value + half, 1.96 * math.sqrt(variance))
+    return result, ambiguities([*result], spread)
 
 
-def families(robot: Nominal) -> tuple[Model, ...]:
-    """Return the models that an identification compares, by number of parameters."""
-    return nominal(robot), ideal(robot), lateral(robot), per_wheel(robot), full(robot)
+def _sums(units: Sequence[Unit]) -> dict[str, Moments]:
+    """Return the sum of each group, in the order of their names."""
+    groups = sorted({group for group, _ in units})
+    return {name: total(part for group, part in units if group == name) for name in groups}
+
+
+def _fit(model: Model, sums: Mapping[str, Moments], near: Fit | None = None) -> Fit:
+    """Return the fit to sums of groups; with `near`, start there and keep its noise."""
+    groups = tuple(sums)
+    names = model.names(groups)
+    if near is None:
+        noise: Mapping[str, Noise] = dict.fromkeys(groups, (1e-3, 1e-3))
+        turns = dict(zip(names[len(model.start) :: 3], map(_turn, sums.values()), strict=False))
+        start = {**model.start, **turns}
+    else:
+        noise, start = near.noise, near.by_name
+    values = np.array([start.get(name, 0.0) for name in names])
+    for _ in range(ROUNDS if near is None else 1):
+        roots = [_root(moments, noise[group]) for group, moments in sums.items()]
+        solution = least_squares(
+            lambda v, roots=roots: _residuals(model, v, roots),
+            values,
+            x_scale="jac",
+            xtol=1e-8 if near is None else 1e-5,
+        )
+        values = solution.x
+        if near is None:
+            noise = {
+                group: _noise(moments, model.coefficients(values, index))
+                for index, (group, moments) in enumerate(sums.items())
+            }
+    return Fit(model, groups, values, noise, solution.jac)
+
+
+def _turn(moments: Moments) -> float:
+    return gains(moments)[1]
+
+
+def _noise(moments: Moments, coefficients: Array) -> Noise:
+    position, yaw = moments.errors(coefficients).tolist()
+    # never 0: residuals of data without noise would have no scale
+    return (
+        max(math.sqrt(position / (2 * moments.count)), 1e-9),
+        max(math.sqrt(yaw / moments.count), 1e-9),
+    )
+
+
+def _root(moments: Moments, noise: Noise) -> tuple[Array, Array]:
+    """Return A and b such that |A p - b|² is the weighted sum of squares up to a constant."""
+    position, yaw = (sigma**-2 for sigma in noise)
+    product = position * moments.products[0] + yaw * moments.products[1]
+    mixed = position * moments.mixed[0] + yaw * moments.mixed[1]
+    eigenvalues, vectors = np.linalg.eigh(product)
+    kept = eigenvalues > 1e-12 * eigenvalues[-1]
+    root = np.sqrt(eigenvalues[kept])
+    return root[:, None] * vectors[:, kept].T, (vectors[:, kept].T @ mixed) / root
+
+
+def _residuals(model: Model, values: Array, roots: Sequence[tuple[Array, Array]]) -> Array:
+    return np.concatenate(
+        [a @ model.coefficients(values, index) - b for index, (a, b) in enumerate(roots)]
+    )
+
+
+def covariance(slopes: Array) -> Array:
+    """Return the covariance of parameters of a fit.
+
+    Args:
+        slopes: Derivatives of the residuals, which have a standard deviation of 1 (m, p).
+    """
+    # a parameter without influence has a huge deviation
+    scale = np.maximum(np.linalg.norm(slopes, axis=0), 1e-100)
+    eigenvalues, vectors = np.linalg.eigh((slopes / scale).T @ (slopes / scale))
+    inverse = (vectors / np.maximum(eigenvalues, 1e-15)) @ vectors.T
+    return np.asarray(inverse / np.outer(scale, scale))
+
+
+def ambiguities(names: Sequence[str], covariance: Array) -> tuple[str, ...]:
+    """Return sentences on parameters that the data do not determine."""
+    deviations = np.sqrt(np.diag(covariance))
+    is_clear = deviations < VAGUE
+    lines = [
+        f"{name} is not determined: the motion hardly depends on it"
+        for name, clear in zip(names, is_clear, strict=True)
+        if not clear
+    ]
+    kept = np.flatnonzero(is_clear).tolist()
+    for position, i in enumerate(kept):
+        for j in kept[position + 1 :]:
+            correlation = covariance[i, j] / (deviations[i] * deviations[j])
+            if abs(correlation) > MAX_CORRELATION:
+                lines.append(
+                    f"{names[i]} and {names[j]} can't be told apart: their correlation is "
+                    f"{correlation:.3f}"
+                )
+    return tuple(lines)

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from mecazen.robot import WHEELS, RealMotors
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from mecazen_experiments.identify.fit import Estimate, ambiguities, covariance
-from mecazen_experiments.identify.models import SIDES, TURNS
-from mecazen_experiments.identify.runs import Array
+from mecazen_experiments.identify.data import Array, MotorLog
+from mecazen_experiments.identify.models import Estimate, ambiguities, covariance
+from mecazen_experiments.identify.windows import SIDES, TURNS
 
 MAX_DELAY_S = 0.2
 LAGS_S = (0.01, 0.05, 0.2)
@@ -38,26 +37,6 @@ NAMES = (
 )
 
 
-@dataclass(frozen=True)
-class MotorLog:
-    """The signals of a run's motors, at equal intervals."""
-
-    period_s: float
-    commands: Array
-    """Commanded speeds during each interval (n, 4) [rad/s]."""
-    speeds: Array
-    """Mean speeds during each interval, from the wheels' positions (n, 4) [rad/s]."""
-    efforts: Array | None
-    """Torques of the motors at the end of each interval (n, 4) [N·m]."""
-
-    @property
-    def load(self) -> Array:
-        """Sum of the motors' absolute torques at the beginning of each interval (n,) [N·m]."""
-        if self.efforts is None:
-            return np.zeros(len(self.commands))
-        return np.concatenate([[0.0], np.abs(self.efforts).sum(axis=1)[:-1]])
-
-
 def response(values: Array, log: MotorLog) -> tuple[Array, Array]:
     """Return the wheels' speeds at the end of each interval, and their means during it (n, 4).
 
@@ -69,18 +48,21 @@ def response(values: Array, log: MotorLog) -> tuple[Array, Array]:
     period, lag = log.period_s, max(lag, 1e-6)
     commands = np.sign(log.commands) * np.maximum(np.abs(log.commands) - dead, 0.0) * values[4:]
     whole = math.floor(delay / period)
-    rest = delay - whole * period
-    supplied = np.maximum(1.0 - sag * log.load, 0.0)[:, None]
+    remainder = delay - whole * period
+    load = np.zeros(len(commands))  # the motors' absolute torques at the beginning of each interval
+    if log.efforts is not None:
+        load[1:] = np.abs(log.efforts).sum(axis=1)[:-1]
+    supplied = np.maximum(1.0 - sag * load, 0.0)[:, None]
     first, then = (_late(commands, steps) * supplied for steps in (whole + 1, whole))
-    keep, keep_then = math.exp(-period / lag), math.exp(-(period - rest) / lag)
+    keep, keep_then = math.exp(-period / lag), math.exp(-(period - remainder) / lag)
     ends = lfilter(
         [1.0], [1.0, -keep], (keep_then - keep) * first + (1.0 - keep_then) * then, axis=0
     )
     begins = np.concatenate([np.zeros((1, 4)), ends[:-1]])
-    middles = first + (begins - first) * math.exp(-rest / lag)
-    way = first * rest + (begins - first) * lag * (1.0 - math.exp(-rest / lag))
-    way += then * (period - rest) + (middles - then) * lag * (1.0 - keep_then)
-    return np.asarray(ends), way / period
+    middles = first + (begins - first) * math.exp(-remainder / lag)
+    turned = first * remainder + (begins - first) * lag * (1.0 - math.exp(-remainder / lag))
+    turned += then * (period - remainder) + (middles - then) * lag * (1.0 - keep_then)
+    return np.asarray(ends), turned / period
 
 
 def _late(values: Array, steps: int) -> Array:
@@ -106,21 +88,21 @@ def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, Estimate], tupl
     start = min(starts, key=lambda values: float(np.square(residuals(values)).sum()))
     has_load = any(log.efforts is not None for log in logs)
     upper = np.array([2.0 * MAX_DELAY_S, 10.0, 100.0, 1.0 if has_load else 1e-9, *[10.0] * 4])
-    found = least_squares(
+    solution = least_squares(
         residuals,
         np.clip(start, 1e-9, upper / 2.0),
         bounds=(np.zeros(len(NAMES)), upper),
         x_scale=np.array([0.01, 0.05, 0.1, 0.01, 1.0, 1.0, 1.0, 1.0]),
         diff_step=1e-4,
     )
-    deviation = max(math.sqrt(2.0 * found.cost / len(found.fun)), NOISELESS_RAD_S)
-    spread = covariance(found.jac / deviation)
+    deviation = max(math.sqrt(2.0 * solution.cost / len(solution.fun)), NOISELESS_RAD_S)
+    spread = covariance(solution.jac / deviation)
     halves = 1.96 * np.sqrt(np.diag(spread))
     known = [index for index, name in enumerate(NAMES) if has_load or name != "sag_per_nm"]
     lines = ambiguities([NAMES[index] for index in known], spread[np.ix_(known, known)])
-    result = {NAMES[i]: _estimate(found.x[i], halves[i]) for i in known}
+    result = {NAMES[i]: _estimate(solution.x[i], halves[i]) for i in known}
     if has_load:
-        result |= _friction(logs, found.x)
+        result |= _friction(logs, solution.x)
     return result, lines
 
 
@@ -145,29 +127,29 @@ def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, Estimate]:
         astray = np.maximum(np.abs(speeds @ SIDES), np.abs(speeds @ TURNS))
         chosen = (astray < STRAIGHT * ahead) & (np.abs(changes).max(axis=1) < STEADY_RAD_S2)
         chosen &= ahead > 4.0 * MOVING_RAD_S
-        own = speeds[chosen]
-        slip = np.sign(own @ twist)[:, None] * twist
-        rows.append(np.stack([np.sign(own), own, slip], axis=2).reshape(-1, 3))
+        steady = speeds[chosen]
+        slip = np.sign(steady @ twist)[:, None] * twist
+        rows.append(np.stack([np.sign(steady), steady, slip], axis=2).reshape(-1, 3))
         efforts.append(log.efforts[chosen].reshape(-1))
     design, effort = np.concatenate(rows), np.concatenate(efforts)
     if np.linalg.matrix_rank(design) < design.shape[1]:
         return {}
-    found, *_ = np.linalg.lstsq(design, effort, rcond=None)
-    variance = float(np.mean(np.square(effort - design @ found)))
+    friction, *_ = np.linalg.lstsq(design, effort, rcond=None)
+    variance = float(np.mean(np.square(effort - design @ friction)))
     halves = 1.96 * np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
     return {
-        "coulomb_nm": _estimate(found[0], halves[0]),
-        "viscous_nms": _estimate(found[1], halves[1]),
+        "coulomb_nm": _estimate(friction[0], halves[0]),
+        "viscous_nms": _estimate(friction[1], halves[1]),
     }
 
 
 def identified_motors(parameters: Mapping[str, Estimate]) -> RealMotors:
     """Return the motors of the robot file."""
-    value = {name: max(one.value, 0.0) for name, one in parameters.items()}
-    gains = [round(value[f"gain of {wheel}"], 5) for wheel in WHEELS]
-    rest = {
-        name: round(value[name], 6)
+    values = {name: max(estimate.value, 0.0) for name, estimate in parameters.items()}
+    gains = [round(values[f"gain of {wheel}"], 5) for wheel in WHEELS]
+    common = {
+        name: round(values[name], 6)
         for name in (*NAMES[:4], "coulomb_nm", "viscous_nms")
-        if name in value
+        if name in values
     }
-    return RealMotors(gains=(gains[0], gains[1], gains[2], gains[3]), **rest)
+    return RealMotors(gains=(gains[0], gains[1], gains[2], gains[3]), **common)

@@ -8,7 +8,7 @@ from mecazen.geometry import Pose2D
 from mecazen_experiments.followbench.episodes import Density
 from mecazen_experiments.followbench.generate import generate, tracks
 from mecazen_experiments.followbench.scenario import scenario_of
-from mecazen_experiments.safety_scores import safety
+from mecazen_experiments.safety_old import safety
 from mecazen_tools.observe import watch
 
 EPISODE = generate("Parallel", "back", Density(5), 1)
