@@ -1,26 +1,29 @@
-"""A robot's body: round wheels, free rollers, its masses and loads."""
+"""A robot's body: round wheels, loads, Coulomb's friction along the rollers, and the URDF."""
 
 from __future__ import annotations
 
 import math
 
+import dartpy as dart
 import numpy as np
 import pytest
 from harness import load_robot
 from mecazen.config.world import Box
-from mecazen.geometry import Twist2D, rotate
+from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.robot import Payload, Robot
-from mecazen.rollers import Roller
+from mecazen.urdf import build_meshes, build_urdf
 from mecazen_physics.errors import UnsupportedError
-from mecazen_physics.state import BASE_DOFS
 from mecazen_physics.world import GRAVITY
 from msgspec.structs import replace
 from physics_rig import Rig, masses, wheel_speeds
 
 
-@pytest.mark.parametrize("speed", [0.3, 1.0])
-@pytest.mark.parametrize("dt_s", [0.001, 0.005])
-def test_the_base_of_a_robot_on_round_wheels_neither_rises_nor_leans(robot, dt_s, speed):
+@pytest.mark.parametrize(
+    ("name", "dt_s", "speed"),
+    [("nexus", 0.005, 1.0), ("artbul", 0.001, 0.3), ("slant", 0.005, 1.0)],
+)
+def test_the_base_of_a_robot_on_round_wheels_neither_rises_nor_leans(name, dt_s, speed):
+    robot = load_robot(name)
     rig = Rig(robot, dt_s=dt_s)
     directions = wheel_speeds(robot, Twist2D(0.6 * speed, 0.3 * speed, 0.4 * speed))
     for tick in range(200):
@@ -28,6 +31,7 @@ def test_the_base_of_a_robot_on_round_wheels_neither_rises_nor_leans(robot, dt_s
         # without a projection of positions it is g·dt² up and down: 0.01 mm and 0.25 mm
         assert abs(state.position[2]) < 1e-9
         assert state.tilt < 1e-9
+        assert (*state.angular[:2], state.linear[2]) == pytest.approx((0.0,) * 3, abs=1e-9)
 
 
 def test_a_robot_whose_load_tips_it_over_is_not_held_down(nexus):
@@ -45,12 +49,9 @@ def test_a_robot_whose_load_tips_it_over_is_not_held_down(nexus):
     assert coarse[-1] == pytest.approx(fine[-1], abs=0.012)
 
 
-@pytest.mark.parametrize(
-    "twist", [Twist2D(0.3, 0.3), Twist2D(0.3, -0.3, 0.2), Twist2D(0.5, 0.0, 0.8)]
-)
-def test_a_robot_stands_still_when_its_wheels_do(robot, twist):
+def test_a_robot_stands_still_when_its_wheels_do(robot):
     rig = Rig(robot)
-    rig.drive(wheel_speeds(robot, twist), 1.26)
+    rig.drive(wheel_speeds(robot, Twist2D(0.3, -0.3, 0.2)), 1.26)
     for _ in range(100):
         rig.advance([0.0] * 4)
     # A wheel held at rest does not move along its roller's axis, and the axes cross: were two
@@ -61,10 +62,8 @@ def test_a_robot_stands_still_when_its_wheels_do(robot, twist):
     assert math.hypot(*rig.state().angular) < 2e-5
 
 
-@pytest.mark.parametrize("name", ["nexus", "artbul"])
-def test_every_wheel_keeps_its_contact_up_to_the_highest_speed(name):
-    robot = load_robot(name)
-    rig, fastest = Rig(robot, dt_s=0.005), robot.wheels.max_speed_rad_s
+def test_every_wheel_keeps_its_contact_up_to_the_highest_speed(nexus):
+    rig, fastest = Rig(nexus, dt_s=0.005), nexus.wheels.max_speed_rad_s
     for tick in range(300):
         rig.advance([min(1.0, tick / 150) * side * fastest for side in (0.7, 1.0, 0.7, 1.0)], 1)
         contacts = rig.body.world.dart.getLastCollisionResult().getContacts()
@@ -72,6 +71,7 @@ def test_every_wheel_keeps_its_contact_up_to_the_highest_speed(name):
 
 
 HELD = [0.0] * 4
+MU = 0.2
 
 
 def loaded(robot: Robot, mass: float, *position: float) -> Robot:
@@ -105,18 +105,13 @@ def wheel_loads(rig: Rig) -> list[float]:
     return loads
 
 
-def test_the_centre_of_mass_is_that_of_a_calculation_by_hand(robot):
-    robot = loaded(robot, 8.0, 0.06, -0.05, 0.30)
-    mass, centre = centre_of_mass(robot)
-    skeleton = Rig(robot).body.skeleton
-    assert skeleton.getMass() == pytest.approx(mass, rel=1e-6)  # the swinging axle has 1 µg
-    assert skeleton.getCOM() == pytest.approx(centre, abs=1e-6)
-
-
 def test_each_wheel_carries_its_share_of_the_load(robot):
     robot = loaded(robot, 8.0, 0.06, -0.03, 0.30)
-    mass, (x, y, _) = centre_of_mass(robot)
-    rig = Rig(robot)
+    mass, centre = centre_of_mass(robot)
+    rig, (x, y, _) = Rig(robot), centre
+    skeleton = rig.body.skeleton
+    assert skeleton.getMass() == pytest.approx(mass, rel=1e-6)  # the swinging axle has 1 µg
+    assert skeleton.getCOM() == pytest.approx(centre, abs=1e-6)
     rig.advance(HELD, 500)
     # the front axle swings about its middle: the rear wheels alone hold what is aside
     weight = mass * GRAVITY
@@ -129,63 +124,141 @@ def test_each_wheel_carries_its_share_of_the_load(robot):
 
 
 def test_motors_at_their_limit_accelerate_a_loaded_robot_by_as_much_less(nexus):
-    torque = 0.25 * nexus.wheels.max_torque_nm
-
-    def acceleration(robot: Robot) -> float:
-        rig = Rig(robot)
-        rig.advance_effort([torque] * 4, 100)
-        before = rig.state().linear[0]
-        return (rig.advance_effort([torque] * 4, 200).linear[0] - before) / 0.2
-
+    rig, torque = Rig(loaded(nexus, 10.0, 0.0, 0.0, 0.25)), 0.25 * nexus.wheels.max_torque_nm
+    before = rig.advance_effort([torque] * 4, 100).linear[0]
+    after = rig.advance_effort([torque] * 4, 200).linear[0]
     mass, turning = masses(nexus)
-    for payload in (0.0, 10.0):
-        robot = loaded(nexus, payload, 0.0, 0.0, 0.25) if payload else nexus
-        expected = 4 * torque / nexus.wheels.radius_m / (mass + payload + turning)
-        # 1 %: the hull's chords
-        assert acceleration(robot) == pytest.approx(expected, rel=0.01)
+    expected = 4 * torque / nexus.wheels.radius_m / (mass + 10.0 + turning)
+    assert (after - before) / 0.2 == pytest.approx(expected, rel=0.01)  # 1 %: the hull's chords
 
 
-def test_wheels_without_load_slip_and_loaded_ones_do_not(nexus):
-    """All weight is behind: the front wheels, which hardly press, can't brake their share."""
-    behind = loaded(nexus, 30.0, -0.14, 0.0, 0.25)
-    mass, (x, _, _) = centre_of_mass(behind)
-    front = mass * GRAVITY * (x / nexus.wheels.wheelbase_m + 0.5)
-    assert front < 0.2 * mass * GRAVITY
-    rig = Rig(behind, ground_friction=0.3)
-    # each front wheel can bear μN/√2 along, at 45° to its roller
-    most = 0.3 * front / 2 / math.sqrt(2.0)
-    torque = 1.5 * most * nexus.wheels.radius_m
-    for _ in range(30):
-        state = rig.advance_effort([torque] * 4)
-    ideal = wheel_speeds(nexus, Twist2D(x=state.linear[0]))
-    front_left, front_right, rear_left, rear_right = state.joint_velocity[:4]
-    assert min(front_left, front_right) > 1.5 * ideal[0]
-    assert (rear_left, rear_right) == pytest.approx(ideal[2:], rel=0.02)
-
-
-def test_bearing_friction_beyond_the_steps_resolution_is_refused(nexus):
+def test_what_cannot_be_simulated_is_refused(nexus):
     rollers = replace(nexus.rollers, bearing_friction_nms=1e-3)
-    robot = replace(nexus, rollers=rollers)
     with pytest.raises(UnsupportedError, match=r"below .* or physics\.dt_s"):
-        Rig(robot)
-
-
-def test_an_obstacle_to_drive_onto_is_refused(nexus):
+        Rig(replace(nexus, rollers=rollers))
     step = Box(size_m=(1.0, 1.0, 0.01), position_m=(1.0, 0.0))
     with pytest.raises(UnsupportedError, match=r"0\.01 m high"):
         Rig(nexus, obstacles=(step,))
 
 
-def test_an_airborne_roller_keeps_its_spin_but_for_its_bearings_friction(nexus):
-    friction = 2e-5
-    robot = replace(nexus, rollers=replace(nexus.rollers, bearing_friction_nms=friction))
+def without_bearing_friction(robot: Robot) -> Robot:
+    rollers = replace(robot.rollers, bearing_friction_nms=0.0)
+    return replace(robot, rollers=rollers)
+
+
+def slide(rig: Rig, heading: float, speed: float, seconds: float) -> tuple[float, float]:
+    """Throw a robot with its wheels held; return how it slows down and drifts aside [m/s²]."""
+    rig.advance(HELD, 100)
+    rig.throw(speed * math.cos(heading), speed * math.sin(heading))
+    rig.advance(HELD, 20)  # the rollers take up their spin
+    before = rig.state().linear
+    after = rig.advance(HELD, round(1000 * seconds)).linear
+    return (before[0] - after[0]) / seconds, (after[1] - before[1]) / seconds
+
+
+@pytest.mark.parametrize(
+    ("name", "yaw_deg"), [("nexus", 0.0), ("nexus", 22.5), ("artbul", 45.0), ("slant", 10.0)]
+)
+def test_locked_wheels_slow_down_alike_at_every_yaw(name, yaw_deg):
+    robot = load_robot(name)
+    yaw = math.radians(yaw_deg)
+    rig = Rig(without_bearing_friction(robot), Pose2D(yaw=yaw), ground_friction=MU)
+    slower, aside = slide(rig, yaw, 1.5, 0.3)
+    # each wheel brakes with μN along its roller's axis, at γ to the axle
+    assert slower == pytest.approx(MU * GRAVITY * math.sin(robot.roller_angle), rel=0.01)
+    assert abs(aside) < 0.01
+
+
+def test_beside_an_obstacle_it_slides_as_in_the_open(nexus):
+    yaw = math.radians(22.5)
+    # too close for a robot to be simulated by itself, beside it; it is not touched
+    box = Box(size_m=(0.02, 0.02, 0.5), position_m=rotate(0.0, 0.235, yaw))
+    robot = without_bearing_friction(nexus)
+    rig = Rig(robot, Pose2D(yaw=yaw), ground_friction=MU, obstacles=(box,))
+    rig.advance(HELD, 10)
+    assert not rig.robot.isolated
+    slower, aside = slide(rig, yaw, 0.25, 0.05)
+    assert slower == pytest.approx(MU * GRAVITY / math.sqrt(2.0), rel=0.01)
+    assert abs(aside) < 0.01
+
+
+def touches_the_wall(rig: Rig) -> bool:
+    contacts = rig.body.world.dart.getLastCollisionResult().getContacts()
+    return any(abs(contact.normal[2]) < 0.5 for contact in contacts)
+
+
+def test_along_a_wall_it_slides_as_in_the_open(nexus):
+    wall = Box(size_m=(20.0, 0.2, 0.5), position_m=(0.0, 0.0))
+    robot = without_bearing_friction(nexus)
+    rig = Rig(robot, Pose2D(y=0.3), ground_friction=MU, obstacles=(wall,))
+    rig.advance(HELD, 100)
+    rig.throw(1.5, -0.2)
+    while not touches_the_wall(rig):
+        rig.advance(HELD, 10)
+    before = rig.advance(HELD, 40)  # it bounces a little
+    after = rig.advance(HELD, 150)
+    assert after.position[1] < 0.3
+    # rims transmit no friction: only the ground does
+    expected = 0.15 * MU * GRAVITY / math.sqrt(2.0)
+    assert before.linear[0] - after.linear[0] == pytest.approx(expected, rel=0.01)
+
+
+def test_held_wheels_slide_down_a_slope_as_by_hand(robot):
+    rig = Rig(without_bearing_friction(robot), slope_deg=30.0, ground_friction=MU)
+    rig.advance(HELD, 500)
+    slope = math.radians(30.0)
+    expected = (
+        -0.5 * GRAVITY * (math.sin(slope) - MU * math.sin(robot.roller_angle) * math.cos(slope))
+    )
+    # 2 %: within it the loads shift downhill, and rollers are set spinning
+    assert rig.state().linear[0] == pytest.approx(expected, rel=0.02)
+    assert abs(rig.state().linear[1]) < 0.01
+
+
+def write(robot, folder):
+    (folder / "meshes").mkdir()
+    for name, data in build_meshes(robot).items():
+        (folder / name).write_bytes(data)
+    file = folder / "robot.urdf"
+    file.write_text(build_urdf(robot))
+    return file
+
+
+def test_an_independent_reader_finds_the_bodies_of_the_world(robot, tmp_path):
+    file = write(robot, tmp_path)
+    read = dart.utils.DartLoader().parseSkeleton(str(file))
     rig = Rig(robot)
-    fifth = BASE_DOFS + 4 + 4  # of the front left wheel, near the top
-    rig.body.skeleton.setVelocity(fifth, 10.0)
-    state = rig.advance([0.0] * 4, 100)
-    decay = friction / Roller.from_robot(robot).inertia[1]
-    # 6 %: DART's implicit steps of 1 ms, of a time constant of 30 ms, three times over.
-    expected = 10.0 * math.exp(-0.1 * decay)
-    assert state.joint_velocity[4 + 4] == pytest.approx(expected, rel=0.06)
-    turned = 10.0 * (1.0 - math.exp(-0.1 * decay)) / decay
-    assert state.joint_position[4 + 4] == pytest.approx(turned, rel=0.02)
+    ours = rig.body.skeleton
+    angles = dict(zip(rig.joint_names, np.linspace(-3.0, 3.0, len(rig.joint_names)), strict=True))
+    for skeleton in (read, ours):
+        for name, angle in angles.items():
+            skeleton.getJoint(name).setPosition(0, angle)
+    for index in range(ours.getNumBodyNodes()):
+        body = ours.getBodyNode(index)
+        if body.getName() == "front_axle":  # weighs nothing, and hardly swings
+            continue
+        other = read.getBodyNode(body.getName())
+        found, expected = (each.getWorldTransform().matrix() for each in (other, body))
+        np.testing.assert_allclose(found, expected, atol=1e-9)  # the URDF has twelve digits
+    # DART gives a link without inertia, which is only a frame, 1 kg.
+    nothing = dart.dynamics.Inertia(1e-12, np.zeros(3), 1e-12 * np.eye(3))
+    read.getBodyNode("camera_depth_optical_frame").setInertia(nothing)
+    # The world's base carries camera and lidar, so the whole robot is compared.
+    assert read.getMass() == pytest.approx(ours.getMass(), rel=1e-9)
+    np.testing.assert_allclose(read.getCOM(), ours.getCOM(), atol=1e-9)
+    found, expected = (each.getMassMatrix()[:6, :6] for each in (read, ours))
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+def test_the_optical_frame_is_turned_as_the_camera_looks(nexus, tmp_path):
+    camera = replace(nexus.camera, pitch_deg=20.0, yaw_deg=90.0)
+    robot = replace(nexus, camera=camera)
+    file = write(robot, tmp_path)
+    read = dart.utils.DartLoader().parseSkeleton(str(file))
+    frame = read.getBodyNode("camera_depth_optical_frame").getWorldTransform().matrix()
+    c, s = np.cos(np.radians(20.0)), np.sin(np.radians(20.0))
+    # by REP-103: x to its right, which is ahead of the robot; y down; z to the left and up
+    right, down, ahead = (1.0, 0.0, 0.0), (0.0, s, -c), (0.0, c, s)
+    expected = np.column_stack([right, down, ahead])
+    np.testing.assert_allclose(frame[:3, :3], expected, atol=1e-9)  # twelve digits
+    np.testing.assert_allclose(frame[:3, 3], camera.position_m, atol=1e-9)

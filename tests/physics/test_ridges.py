@@ -55,22 +55,18 @@ def test_a_robot_crosses_a_sill_of_10_mm_straight(nexus, yaw):
 
 def test_on_a_ramp_speed_attitude_and_work_are_those_by_hand_and_a_robot_at_rest_stays(nexus):
     ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, landing_m=0.5, position_m=(0.0, 0.0))
-    speeds, shares = wheel_speeds(nexus, Twist2D(0.5)), []
-    mass, _ = masses(nexus)
-    for start in (-1.48, -1.47, -1.46, -1.45):
-        rig = Rig(nexus, Pose2D(start), ramps=(ramp,), dt_s=0.002)
-        states = [rig.advance(speeds, steps=2) for _ in range(475)]
-        up = [s for s in states if -1.0 < s.position[0] < -0.55]
-        pitches = [2.0 * math.asin(s.orientation[1]) for s in up]
-        assert np.mean(pitches) == pytest.approx(-STEEP, rel=0.01)
-        assert np.mean([s.linear[0] for s in up]) == pytest.approx(0.5, rel=0.005)
-        work = sum(sum(np.multiply(s.joint_effort[:4], s.joint_velocity[:4])) for s in up) * 0.004
-        rise = up[-1].position[2] - up[0].position[2]
-        assert rise == pytest.approx(0.08 * (up[-1].position[0] - up[0].position[0]), abs=1e-4)
-        shares.append(work / (mass * GRAVITY * rise))
+    rig = Rig(nexus, Pose2D(-1.47), ramps=(ramp,), dt_s=0.002)
+    states = [rig.advance(wheel_speeds(nexus, Twist2D(0.5)), steps=2) for _ in range(475)]
+    up = [s for s in states if -1.0 < s.position[0] < -0.55]
+    pitches = [2.0 * math.asin(s.orientation[1]) for s in up]
+    assert np.mean(pitches) == pytest.approx(-STEEP, rel=0.01)
+    assert np.mean([s.linear[0] for s in up]) == pytest.approx(0.5, rel=0.005)
+    work = sum(sum(np.multiply(s.joint_effort[:4], s.joint_velocity[:4])) for s in up) * 0.004
+    rise = up[-1].position[2] - up[0].position[2]
+    assert rise == pytest.approx(0.08 * (up[-1].position[0] - up[0].position[0]), abs=1e-4)
     # what the motors do is lifting; rollers lose some where they hand over, as on level ground,
-    # 4 % more or less in a single climb by where they are at its start
-    assert np.mean(shares) == pytest.approx(1.0, rel=0.1)
+    # 4 % more or less by where they are at the start
+    assert work == pytest.approx(masses(nexus)[0] * GRAVITY * rise, rel=0.1)
     before = rig.advance([0.0] * 4, steps=100).position
     rested = rig.advance([0.0] * 4, steps=100)
     assert rested.tilt == pytest.approx(STEEP, abs=1e-3)
@@ -88,12 +84,3 @@ def test_locked_wheels_slow_a_robot_down_by_the_patchs_friction(nexus):
     slowed = (before.linear[0] - after.linear[0]) / 0.2
     # a roller resists along its axis alone
     assert slowed == pytest.approx(0.2 * GRAVITY / math.sqrt(2.0), rel=0.01)
-
-
-def test_a_patch_changes_nothing_beside_it(nexus):
-    def last(*patches):
-        rig = Rig(nexus, patches=patches)
-        rig.drive(wheel_speeds(nexus, Twist2D(0.3, 0.1)), 1.0)
-        return rig.state()
-
-    assert last(Patch(size_m=(1.0, 1.0), position_m=(5.0, 0.0), friction=0.3)) == last()
