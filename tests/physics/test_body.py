@@ -12,8 +12,7 @@ from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.robot import Payload, Robot
 from mecazen.urdf import build_meshes, build_urdf
-from mecazen_physics.errors import UnsupportedError
-from mecazen_physics.world import GRAVITY
+from mecazen_physics.world import GRAVITY, UnsupportedError
 from msgspec.structs import replace
 from physics_rig import Rig, masses, wheel_speeds
 

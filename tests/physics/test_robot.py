@@ -12,7 +12,7 @@ from mecazen.config.world import Box, Cylinder, PersonConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen_bench.engine import lateral_gain, yaw_gain
-from mecazen_physics.errors import DivergedError
+from mecazen_physics.state import DivergedError
 from msgspec.structs import replace
 from physics_rig import Rig, trajectory, wheel_speeds
 

@@ -14,12 +14,12 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
 from mecazen.wheels import WheelCommand
-from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.footprint import Footprint
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.start import check_obstacles
 from mecazen_physics.state import RobotState
+from mecazen_physics.world import UnsupportedError
 from msgspec.structs import replace
 from physics_rig import STEPS, Rig, masses, simulation_of, throw
 

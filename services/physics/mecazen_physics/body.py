@@ -13,13 +13,13 @@ from mecazen.links import base_link, lump, robot_links
 from mecazen.robot import WHEELS, Robot
 from mecazen.rollers import Roller
 
-from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.state import BASE_DOFS, in_axes_at, quaternion
 from mecazen_physics.world import (
     PERSON_FRICTION,
     SOLID_FRICTION,
     DartWorld,
     Layers,
+    UnsupportedError,
     add_shape,
     ground_frictions,
     upright,

@@ -66,7 +66,9 @@ class Motors:
     def _begin(self, efforts: Sequence[float], *, is_effort: bool) -> None:
         """Begin to follow commands of the other kind, without what remains of earlier ones."""
         self._is_effort = is_effort
-        self._use(servo=not (is_effort or self._pids))
+        self._servo = not (is_effort or self._pids)
+        for wheel in self._wheels:
+            wheel.setActuatorType(dart.dynamics.SERVO if self._servo else dart.dynamics.FORCE)
         for pid in self._pids:
             pid.reset()
         if self._real is not None:
@@ -102,13 +104,6 @@ class Motors:
 
     def _speeds(self) -> list[float]:
         return [wheel.getVelocity(0) for wheel in self._wheels]
-
-    def _use(self, *, servo: bool) -> None:
-        if servo != self._servo:
-            self._servo = servo
-            actuator = dart.dynamics.SERVO if servo else dart.dynamics.FORCE
-            for wheel in self._wheels:
-                wheel.setActuatorType(actuator)
 
     def _limited(self, torque: float, speed: float) -> float:
         """Return the torque of a motor [N·m], within its limits at the wheel's speed [rad/s]."""

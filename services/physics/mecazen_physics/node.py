@@ -85,7 +85,8 @@ class PhysicsNode(Node):
 
     def reset(self, seed: int) -> None:
         """Start a new simulation, with the robots at their start poses."""
-        self.simulation = self.make_simulation()
+        robots = [(part.robot, part.start.pose) for part in self.parts.values()]
+        self.simulation = Simulation(robots, self.config, self.scenario.world)
         self.robots = dict(zip(self.parts, self.simulation.robots, strict=True))
         self.watchdogs = {name: Watchdog(part) for name, part in self.parts.items()}
         self.instruments = {
@@ -102,11 +103,6 @@ class PhysicsNode(Node):
         """Whether each person in the world moves, by name."""
         self.numbers = {name: number for number, name in enumerate(self.followed.values())}
         """Numbers of the persons: first those whom robots follow."""
-
-    def make_simulation(self) -> Simulation:
-        """Return the simulation of a new run."""
-        robots = [(part.robot, part.start.pose) for part in self.parts.values()]
-        return Simulation(robots, self.config, self.scenario.world)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Simulate a control period with the outputs of the tick before; return the state after it.

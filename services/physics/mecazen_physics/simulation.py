@@ -11,13 +11,10 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.wheels import WheelCommand
 
-from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, horizon_steps
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.robot import HYSTERESIS, SimulatedRobot
-
-_UNLIMITED = 10**9
-"""A number of steps beyond any request."""
+from mecazen_physics.world import UnsupportedError
 
 
 class Simulation:
@@ -47,8 +44,6 @@ class Simulation:
             )
         self._horizon = horizon_steps(physics)
         fastest = max(robot.max_speed for robot in self.robots)
-        self._approach = 2.0 * physics.dt_s * fastest
-        """Maximum decrease of the distance between two robots in a step [m]."""
         diameter = 2.0 * max(robot.footprint().radius for robot in self.robots)
         self._far = diameter + HYSTERESIS * (CLEARANCE_M + 2.0 * fastest * HORIZON_S)
         """Robots whose centres are farther apart are not close to each other [m]."""
@@ -56,20 +51,16 @@ class Simulation:
         """The numbers of the robots that are simulated together."""
         self._groups = [[number] for number in range(len(robots))]
         """The numbers of the robots of each group; the coupled ones are the last."""
-        self._clear_steps = _UNLIMITED if len(robots) == 1 else 0
-        """Number of steps for which no two robots that are far apart can come close."""
 
     def advance(self, commands: Sequence[WheelCommand], steps: int) -> None:
         """Simulate `steps` steps of `dt_s`, with a command for each robot."""
         while steps > 0:
-            if self._coupled or self._clear_steps <= 0:
-                self._clear_steps = self._update_groups()
-            chunk = min(steps, max(self._horizon, self._clear_steps))
+            self._update_groups()
+            chunk = min(steps, self._horizon)
             for group in self._groups:
                 robots, orders = [self.robots[n] for n in group], [commands[n] for n in group]
-                _advance_group(robots, orders, chunk, self._horizon)
+                _advance_group(robots, orders, chunk)
             steps -= chunk
-            self._clear_steps -= chunk
 
     def place_person(self, number: int, person: MovingPerson) -> None:
         """Place the person `number`; a person must always have legs, or never.
@@ -89,28 +80,20 @@ class Simulation:
         for robot in self.robots:
             robot.remove_person(number)
 
-    def _update_groups(self) -> int:
+    def _update_groups(self) -> None:
         """Couple the robots that come close to each other, and decouple those that are far again.
 
         A broad phase on centre distance avoids the footprint distance for most pairs.
-
-        Returns:
-            The number of steps for which no other two robots can come close to each other.
         """
         centres = [robot.state.position[:2] for robot in self.robots]
         coupled = set[int]()
-        clear = math.inf
         for pair in combinations(range(len(centres)), 2):
             left, right = pair
-            gap = math.dist(centres[left], centres[right]) - self._far
-            if gap <= 0.0:
+            if math.dist(centres[left], centres[right]) <= self._far:
                 first, second = self.robots[left].footprint(), self.robots[right].footprint()
                 margin = HYSTERESIS if self._coupled.issuperset(pair) else 1.0
-                gap = first.gap(second) - margin * first.travel(second)
-            if gap <= 0.0:
-                coupled.update(pair)
-            else:
-                clear = min(clear, gap)
+                if first.gap(second) <= margin * first.travel(second):
+                    coupled.update(pair)
         if coupled != self._coupled:
             self._coupled = coupled
             apart = [[number] for number in range(len(centres)) if number not in coupled]
@@ -119,32 +102,25 @@ class Simulation:
                 world = self.robots[group[0]].home
                 for number in group:
                     self.robots[number].share(world, alone=len(group) == 1)
-        return int(min(clear / self._approach, _UNLIMITED))
 
 
 def _advance_group(
-    robots: Sequence[SimulatedRobot], commands: Sequence[WheelCommand], steps: int, longest: int
+    robots: Sequence[SimulatedRobot], commands: Sequence[WheelCommand], steps: int
 ) -> None:
-    """Simulate `steps` steps of one robot, or of several in the world that they share.
-
-    Surroundings are examined at least every `longest` steps.
-    """
+    """Simulate `steps` steps of one robot, or of several in the world that they share."""
     world = robots[0].body.world
-    while steps > 0:
-        chunk = min(steps, longest)
-        people: dict[int, MovingPerson] = {}
-        for robot, command in zip(robots, commands, strict=True):
-            robot.look_around()
-            robot.command(command)
-            people |= robot.close_people
-        world.set_surroundings(people, obstacles=any(robot.near_obstacle for robot in robots))
-        world.choose_solver(alone=robots[0].isolated, robots=len(robots))
-        for _ in range(chunk):
-            for robot in robots:
-                robot.before_step()
-            world.step(False)
-            for robot in robots:
-                robot.after_step()
+    people: dict[int, MovingPerson] = {}
+    for robot, command in zip(robots, commands, strict=True):
+        robot.look_around()
+        robot.command(command)
+        people |= robot.close_people
+    world.set_surroundings(people, obstacles=any(robot.near_obstacle for robot in robots))
+    world.choose_solver(alone=robots[0].isolated, robots=len(robots))
+    for _ in range(steps):
         for robot in robots:
-            robot.finish(chunk)
-        steps -= chunk
+            robot.before_step()
+        world.step(False)
+        for robot in robots:
+            robot.after_step()
+    for robot in robots:
+        robot.finish(steps)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from mecazen.errors import MecazenError
 from mecazen.geometry import rotate
 from mecazen.robot import WHEELS
-
-from mecazen_physics.errors import DivergedError
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -16,6 +15,10 @@ Quaternion = tuple[float, float, float, float]
 
 BASE_DOFS = 7
 """Degrees of freedom of the base in space and of its front axle."""
+
+
+class DivergedError(MecazenError):
+    """The simulated state is no longer plausible."""
 
 
 class RobotState(NamedTuple):

@@ -11,10 +11,10 @@ from typing import Any, Literal
 import dartpy as dart
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder, Patch, PersonConfig
+from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 
-from mecazen_physics.errors import UnsupportedError
 from mecazen_physics.people import LEGS, MovingPerson, place
 
 GRAVITY = 9.80665
@@ -59,6 +59,10 @@ plane collides with one roller, which is set by `DartWorld.allow`. Persons colli
 """
 
 
+class UnsupportedError(MecazenError):
+    """Physics cannot simulate what the scenario specifies."""
+
+
 class DartWorld:
     """The ground, with one robot, or several robots that are close to each other.
 
@@ -83,7 +87,7 @@ class DartWorld:
         self._solver = self.dart.getConstraintSolver()
         self._box = self._solver.getBoxedLcpSolver()
         self._cone = dart.constraint.NsgsFrictionSolver()
-        self.solves_cone = False
+        self._solves_cone = False
         """Whether friction is limited by Coulomb's cone, not by the box."""
         # Only Bullet finds the contacts of rollers. DART's own detector finds none, and FCL and ODE
         # replace a roller by a sphere.
@@ -183,7 +187,8 @@ class DartWorld:
             self.remove(self.people[number])
         for number in sorted(people.keys() - self._present):
             if number not in self.people:
-                self.people[number] = self._build_person(number, people[number])
+                legs = people[number].legs
+                self.people[number] = build_legs() if legs else _build_cylinder(self._config.person)
             self.add(self.people[number], {"person": self.people[number].getBodyNodes()})
             place(self.people[number], people[number])
         self._present = set(people)
@@ -192,11 +197,6 @@ class DartWorld:
         """Move a person who is present in the world."""
         if number in self._present:
             place(self.people[number], person)
-
-    def _build_person(self, number: int, person: MovingPerson) -> Any:
-        skeleton = _build_cylinder(self._config.person) if person.legs is None else build_legs()
-        skeleton.setName(f"person_{number}")
-        return skeleton
 
     def turn(self, heading: float) -> None:
         """Turn DART's axes to `heading` from the world's [rad]; bodies are not changed."""
@@ -228,8 +228,8 @@ class DartWorld:
             options.tolerance = CONE_TOLERANCE
             options.maxSweeps = MAX_SWEEPS if robots == 1 else MAX_SWEEPS_OF_SEVERAL
             self._cone.setOptions(options)
-        if cone != self.solves_cone:
-            self.solves_cone = cone
+        if cone != self._solves_cone:
+            self._solves_cone = cone
             self._solver.setBoxedLcpSolver(self._cone if cone else self._box)
 
     def _may_slip(self) -> bool:
