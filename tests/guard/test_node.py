@@ -159,14 +159,15 @@ def test_after_a_gap_the_robot_is_taken_to_stand():
     assert state_near_a_wall(100) == "clear"
 
 
-def test_a_jump_of_the_odometry_makes_old_scans_useless():
+@pytest.mark.parametrize("jump", [Pose2D(5.0, 0.0), Pose2D(0.1, 0.0, 1.5)])
+def test_a_jump_of_the_odometry_makes_old_scans_useless(jump):
     guard = Guard()
     guard.drive(FORWARD, FREE)
     guard.drive(FORWARD, pose=Pose2D(0.1, 0.0))
-    let_through, state = guard.drive(FORWARD, pose=Pose2D(5.0, 0.0))
+    let_through, state = guard.drive(FORWARD, pose=jump)
     assert (let_through, state.state) == (m.Twist(), "blind")
     assert state.reason == "the odometry was set, and there is no scan since"
-    assert guard.drive(FORWARD, FREE, pose=Pose2D(5.0, 0.0))[1].state == "clear"
+    assert guard.drive(FORWARD, FREE, pose=jump)[1].state == "clear"
 
 
 def test_a_changed_margin_counts_from_the_next_scan():
