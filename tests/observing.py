@@ -9,11 +9,11 @@ import zenoh
 from harness import COMMAND_GUARD_S
 from mecazen.bus.session import open_session
 
-SAMPLE_S = 0.005
+SAMPLE_S = 0.05
 
 
 def hear_slowly(config, mode, heard, hears) -> None:
-    """Take 5 ms for each sample on Zenoh's own thread, as a client that knows no better."""
+    """Take 50 ms for each sample on Zenoh's own thread, as a client that knows no better."""
 
     def take(_: zenoh.Sample) -> None:
         time.sleep(SAMPLE_S)

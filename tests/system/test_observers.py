@@ -17,7 +17,7 @@ RUN = ("sim.duration_s=10.0", "seed=3", "sim.mode=lockstep")
 FREEZE_S = 0.5
 
 
-def test_an_observer_that_takes_5_ms_a_sample_delays_no_tick(stack):
+def test_an_observer_that_takes_50_ms_a_sample_delays_no_tick(stack):
     running = stack(BACK, *RUN)
     trajectory = Trajectory(running.bus, running.scenario)
     with slow_observer(running.scenario.bus, "peer") as heard:
