@@ -82,8 +82,8 @@ def expand(
     """Return the runs of a study, in the order of the frame.
 
     The settings of a study may use values as `$NAME`: those that a case defines, those that it
-    varies, drawn by the seed, and the follower's place beside a person at the origin
-    (`$bearing_deg`, `$x_m`, `$y_m` and `$yaw_deg`). All rows of a case have the same values for a
+    varies, drawn by the seed, `$seed` itself, and the follower's place beside a person at the
+    origin (`$bearing_deg`, `$x_m`, `$y_m` and `$yaw_deg`). All rows of a case have the same values for a
     seed, so they can be compared in pairs.
 
     Args:
@@ -114,7 +114,8 @@ def expand(
             chosen = (study.grid[axis][name] for axis, name in choice)
             base = tuple(study.all_of(study.settings, *chosen, case.settings))
             fill = _filling(case, base, (*changes, *settings))
-            for group in [(seed,) for seed in seeds] if case.vary else [seeds]:
+            uses_seed = case.vary or any("$seed" in setting for setting in base)
+            for group in [(seed,) for seed in seeds] if uses_seed else [seeds]:
                 full = (*fill(group[0]), *changes, *settings)
                 jobs += _jobs(study, labels, case, full, group, files)
     if files and not any(job.file for job in jobs):
@@ -189,6 +190,7 @@ def _filling(case: Case, settings: Settings, overrides: Settings) -> Callable[[i
     def fill(seed: int) -> Settings:
         chance = random.Random(f"{case.name} {seed}")  # noqa: S311
         drawn = {name: chance.uniform(*limits) for name, limits in case.vary.items()}
+        drawn["seed"] = seed
         try:
             return tuple(Template(setting).substitute(values | drawn) for setting in settings)
         except (KeyError, ValueError) as error:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from mecazen_experiments import fuzz, quality, safety, scores
+from mecazen_experiments import fuzz, limit, quality, safety, scores
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
@@ -21,5 +21,6 @@ PROGRAMS: dict[str, Callable[[Job], Mapping[str, Value]]] = {
     "fuzz": fuzz.fuzz,
     "mocap": quality.mocap,
     "safety": safety.safety,
+    "walkers": limit.walkers,
 }
 """The programs by their names in studies."""

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 SETTLING_S = 5.0
 """Time from the first motion of the person until the robot should have caught up."""
+WALKING_M_S = 0.2
+"""Speed below which a person hardly walks: the heading of a recorded one is held there."""
 MIN_PATH_M = 0.1
 """Minimum length of a path for which drift is computed."""
 
@@ -48,6 +50,9 @@ class Score(msgspec.Struct, frozen=True):
     theta_rms_deg: float | None = None
     theta_p95_deg: float | None = None
     theta_max_deg: float | None = None
+    theta_walking_deg: float | None = None
+    """Θ_err while the person walks at `WALKING_M_S` or faster; the next is of all other time."""
+    theta_hardly_walking_deg: float | None = None
     bearing_err_deg: float | None = None
     """Mean error of the direction from person to robot, in the person's frame."""
     goal_err_m: float | None = None
@@ -143,11 +148,14 @@ def _score(table: Table, standoff: Standoff) -> Score:
     speed = abs(_velocity(estimated, "estimate")) - abs(_velocity(estimated, "target"))
     consistency = nees(np.stack(error, axis=-1), covariances)
     commanded = table.where(~np.isnan(table["cmd_vx_m_s"]))
+    walking = abs(_velocity(table, "target")) >= WALKING_M_S
     return Score(
         **{f"d_{name}_m": _of(measure, distance) for name, measure in MEASURES.items()},
         **{
             f"theta_{name}_deg": _of(measure, np.degrees(yaw)) for name, measure in MEASURES.items()
         },
+        theta_walking_deg=_of(np.mean, np.degrees(yaw[walking])),
+        theta_hardly_walking_deg=_of(np.mean, np.degrees(yaw[~walking])),
         bearing_err_deg=_of(np.mean, np.degrees(bearing)),
         goal_err_m=_of(np.mean, np.hypot(robot.x - goal.x, robot.y - goal.y)),
         min_distance_m=_of(np.min, np.hypot(robot.x - person.x, robot.y - person.y)),

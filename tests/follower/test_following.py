@@ -30,7 +30,7 @@ EXACT = ((1e-8, 0.0, 0.0), (0.0, 1e-8, 0.0), (0.0, 0.0, 1e-8))
     ],
 )
 def test_a_limited_view_searches_where_the_person_went(side, view, yaw):
-    following = Following(FollowerConfig(), SensorConfig(), DRIVE, view)
+    following = Following(FollowerConfig(lost_after_s=2.0), SensorConfig(), DRIVE, view)
     place = Pose2D(yaw=view.centre).compose(Pose2D(1.0, 0.5 * side))  # before the camera
     for tick in range(round(4.0 / DT)):
         seen = Frame(tick * DT, (Measurement(place, EXACT),)) if tick < 10 else None

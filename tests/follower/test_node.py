@@ -266,7 +266,7 @@ def test_a_changed_standoff_keeps_the_person():
             "kf_cv has no parameter gain, allowed: position_std_m, ",
         ),
         ({"estimator_params": {"sway_m_sqrt_m": -1.0}}, "sway_m_sqrt_m"),
-        ({"coast_after_s": 2.0}, "lost_after_s = 2 must be above coast_after_s = 2"),
+        ({"coast_after_s": 4.0}, "lost_after_s = 4 must be above coast_after_s = 4"),
         ({"control": {"kind": "fuzzy"}}, r"'fuzzy' - at `\$.control.kind`"),
         ({"control": {"max_speed_m_s": 1.0}}, "missing required field `kind`"),
         ({"control": {"kind": "polar", "x": {}}}, "unknown field `x`"),

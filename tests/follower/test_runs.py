@@ -113,7 +113,7 @@ def test_in_a_corridor_the_robot_goes_behind_and_returns():
         "start": {"y_m": 1.2, "yaw_deg": -90.0},
         "target.path": {"kind": "straight", "speed_m_s": 0.6, "length_m": 20.0},
         "follower.view": "side_left",
-        "sim.duration_s": 12.5,
+        "sim.duration_s": 14.5,
         "world.obstacles": walls,
         "follower.planner": {"samples": 300},
     }

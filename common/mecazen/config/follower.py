@@ -203,7 +203,7 @@ class FollowerConfig(Section):
     """Dead time from a command to the robot's motion; commands are computed for that time ahead."""
     coast_after_s: Positive = 0.1
     """Time without an observation after which the tracking state is `coasting`."""
-    lost_after_s: Positive = 2.0
+    lost_after_s: Positive = 4.0
     """Time without an observation after which the person is `lost` and the robot stops."""
 
     def __post_init__(self) -> None:

@@ -153,6 +153,8 @@ class ImmBank:
         x: Their states (n, 5).
         P: Their covariances (n, 5, 5).
         nis: Mean normalised innovation squared of the last update.
+        log_likelihood: Logarithm of the density of the last observation [1/(m² rad)], given all
+            before it.
     """
 
     def __init__(self, modes: Sequence[Mode], sway: float, x: Array, P: Array) -> None:
@@ -161,6 +163,7 @@ class ImmBank:
         self.x: Array = np.repeat(x[None], n, axis=0)
         self.P: Array = np.repeat(P[None], n, axis=0)
         self.nis = 0.0
+        self.log_likelihood = 0.0
         self._sojourn = np.array([mode.sojourn_s for mode in modes])
         self._fading = np.array([mode.fading_1_s for mode in modes])
         self._variances = np.array([(sway, *mode[:4]) for mode in modes]) ** 2
@@ -206,8 +209,9 @@ class ImmBank:
         # step 4: the probabilities of the modes, by their likelihoods
         nis = np.einsum("ni,nij,nj->n", y, inverse, y)
         self.nis = float(np.sum(self.mu * nis))
-        likelihood = exp((nis.min() - nis) / 2.0) / np.sqrt(determinant)
+        likelihood = exp((nis.min() - nis) / 2.0) / np.sqrt(math.tau**OBSERVED * determinant)
         weights = np.maximum(self.mu * likelihood, MIN_WEIGHT)
+        self.log_likelihood = math.log(weights.sum()) - float(nis.min()) / 2.0
         self.mu = weights / weights.sum()
         self._combined = None
 
