@@ -108,19 +108,20 @@ def rows(features: Set[str]) -> tuple[Row, ...]:
         ),
     ]
     if "lidar" in features:
-        nodes.append(_sensor("lidar", "scans the surroundings at the height of ankles", keys.SCAN))
+        summary = "scans the surroundings at the height of ankles"
+        nodes.append(_sensor("lidar", "LidarNode", summary, keys.SCAN))
     if "tracker" in features:
         summary = "sees the joints of people, as a depth camera with a body-tracking SDK"
-        nodes.append(_sensor("tracker", summary, keys.SKELETONS))
+        nodes.append(_sensor("tracker", "TrackerNode", summary, keys.SKELETONS))
     if "depth" in features:
-        nodes.append(_sensor("depth", "takes depth pictures", keys.DEPTH, keys.CAMERA_INFO))
+        summary = "takes depth pictures"
+        nodes.append(_sensor("depth", "DepthNode", summary, keys.DEPTH, keys.CAMERA_INFO))
     if "body" in features:
         summary = "finds position and heading of persons from the joints that are seen"
-        nodes.append(_perception("body", summary, keys.SKELETONS, keys.OBSERVATION))
+        nodes.append(_perception("body", "BodyNode", summary, keys.SKELETONS, keys.OBSERVATION))
     if "legs" in features:
-        nodes.append(
-            _perception("legs", "finds persons by their legs in a scan", keys.SCAN, keys.LEGS)
-        )
+        summary = "finds persons by their legs in a scan"
+        nodes.append(_perception("legs", "LegsNode", summary, keys.SCAN, keys.LEGS))
     seen: list[Topic[Any]] = [keys.OBSERVATION, keys.LEGS]
     if "planner" in features:
         seen.append(keys.SCAN)
@@ -225,11 +226,11 @@ def _target(features: Set[str]) -> Row:
     )
 
 
-def _sensor(name: str, summary: str, *outputs: Topic[Any]) -> Row:
+def _sensor(name: str, node: str, summary: str, *outputs: Topic[Any]) -> Row:
     return Row(
         name,
         summary,
-        program=f"mecazen_sensors.node:{name.capitalize()}Node",
+        program=f"mecazen_sensors.node:{node}",
         inputs=(every(keys.TARGET_SKELETON), due(keys.GROUND_TRUTH), due(keys.PEOPLE)),
         outputs=outputs,
         rates={topic.key: f"sensors.{name}.rate_hz" for topic in outputs},
@@ -238,11 +239,13 @@ def _sensor(name: str, summary: str, *outputs: Topic[Any]) -> Row:
     )
 
 
-def _perception(name: str, summary: str, sensed: Topic[Any], perceived: Topic[Any]) -> Row:
+def _perception(
+    name: str, node: str, summary: str, sensed: Topic[Any], perceived: Topic[Any]
+) -> Row:
     return Row(
         name,
         summary,
-        program=f"mecazen_follower.perception:{name.capitalize()}Node",
+        program=f"mecazen_follower.perception:{node}",
         inputs=(every(sensed),),
         outputs=(perceived,),
         service="follower",

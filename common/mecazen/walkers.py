@@ -31,7 +31,7 @@ LOOKED_S = 1.0
 Place = tuple[float, float]
 
 
-class Walker(NamedTuple):
+class WalkerTrack(NamedTuple):
     """A track: x, y [m] and velocity [m/s] in the frame of its detections, at `time` [s]."""
 
     time: float
@@ -51,7 +51,7 @@ class Walker(NamedTuple):
     """Time of the last detection that looked like a leg [s]."""
 
     @classmethod
-    def begin(cls, time: float, place: Place, variance: float = PAIR_STD_M**2) -> Walker:
+    def begin(cls, time: float, place: Place, variance: float = PAIR_STD_M**2) -> WalkerTrack:
         """Return the track of a first detection, with its variance [m²]."""
         variances = variance, 0.0, SPEED_STD_M_S**2
         return cls(time, *place, variances=variances, seen=(time, *place))
@@ -71,7 +71,7 @@ class Walker(NamedTuple):
         dt = time - self.time
         return self.x + self.vx * dt, self.y + self.vy * dt
 
-    def predicted(self, time: float) -> Walker:
+    def predicted(self, time: float) -> WalkerTrack:
         """Return the track at a later time [s]."""
         dt, (pp, pv, vv) = time - self.time, self.variances
         q = WALK_M2_S3 * dt
@@ -83,7 +83,7 @@ class Walker(NamedTuple):
         x, y = self.at(time)
         return self._replace(time=time, x=x, y=y, variances=variances)
 
-    def corrected(self, place: Place, variance: float = PAIR_STD_M**2) -> Walker:
+    def corrected(self, place: Place, variance: float = PAIR_STD_M**2) -> WalkerTrack:
         """Return the track corrected by a detection at its time, with its variance [m²]."""
         pp, pv, vv = self.variances
         gain, rate = pp / (pp + variance), pv / (pp + variance)
@@ -109,11 +109,11 @@ class Walkers:
     """
 
     def __init__(self) -> None:
-        self.tracks: list[Walker] = []
+        self.tracks: list[WalkerTrack] = []
 
     def update(
         self, time: float, places: Sequence[Place], legs: Sequence[bool] = ()
-    ) -> list[Walker]:
+    ) -> list[WalkerTrack]:
         """Return the track of each detection, continued from the nearest track within `GATE_M`.
 
         Two detections may continue one track: when a pair of legs separates, both have the
@@ -129,7 +129,7 @@ class Walkers:
         for number, place in enumerate(places):
             distances = [math.dist((track.x, track.y), place) for track in known]
             distance = min(distances, default=math.inf)
-            track = Walker.begin(time, place)
+            track = WalkerTrack.begin(time, place)
             if distance <= GATE_M:
                 nearest = distances.index(distance)
                 continued.add(nearest)

@@ -40,7 +40,7 @@ class WindowPlanner(Planner):
         """Return all paths and their costs, independent of the nominal paths."""
         del nominal
         paths = self.roll(self.commands)
-        return paths, self.costs.of(paths, situation)
+        return paths, self.costs.evaluate(paths, situation)
 
 
 class SamplerFollower(FollowerNode):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
 
 import numpy as np
@@ -14,6 +14,7 @@ from mecazen.config.world import Box
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 
+from mecazen_people import wander
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
 from mecazen_people.motion import PersonMotion, PersonPath
 from mecazen_people.recorded import RecordedWalk, read_track
@@ -21,7 +22,7 @@ from mecazen_people.recorded import RecordedWalk, read_track
 SCRIPT_YAW_ACCELERATION_DEG_S2 = 720.0
 STEP_M, LONGEST_STEP_S = 0.02, 0.1
 """Distance between checked positions of a path, and the longest time between them [s]."""
-_CELL_S = 0.005
+CELL_S = 0.005
 """Within a cell of a script the velocity is that of its middle: a stop from 1.8 m/s is 2 mm off at
 most."""
 
@@ -43,47 +44,50 @@ class CurveWalk:
         return PersonMotion(pose, Twist2D(self._speed, 0.0, self._speed * curvature), s)
 
 
-class ScriptedWalk:
-    """Velocities in the person's frame, one after the other, from the origin along x.
+class TwistWalk:
+    """A velocity in the person's frame for each cell of `CELL_S`, from the origin along x."""
 
-    Args:
-        steps: Pairs of duration [s] and velocity; after the last the person comes to rest.
-        acceleration: Largest change of the planar velocity [m/s²].
-        yaw_acceleration: Largest change of the yaw rate [rad/s²].
-    """
-
-    def __init__(
-        self, steps: Sequence[tuple[float, Twist2D]], acceleration: float, yaw_acceleration: float
-    ) -> None:
+    def __init__(self, twists: Iterable[Twist2D]) -> None:
         self._cells: list[PersonMotion] = []
-        pose, twist, walked, end = Pose2D(), Twist2D(), 0.0, 0.0
-        for duration, goal in (*steps, (math.inf, Twist2D())):
-            end += duration
-            while len(self._cells) * _CELL_S < end - 1e-9:
-                if twist == goal and math.isinf(end):
-                    break
-                before = twist
-                change = acceleration * _CELL_S, yaw_acceleration * _CELL_S
-                twist = _towards(twist, goal, *change)
-                middle = Twist2D(*((a + b) / 2 for a, b in zip(before, twist, strict=True)))
-                self._cells.append(PersonMotion(pose, middle, walked))
-                pose = pose.integrate(middle, _CELL_S)
-                walked += math.hypot(middle.x, middle.y) * _CELL_S
+        pose, walked = Pose2D(), 0.0
+        for twist in twists:
+            self._cells.append(PersonMotion(pose, twist, walked))
+            pose = pose.integrate(twist, CELL_S)
+            walked += math.hypot(twist.x, twist.y) * CELL_S
         self._last = PersonMotion(pose, Twist2D(), walked)
-        self.duration = len(self._cells) * _CELL_S
+        self.duration = len(self._cells) * CELL_S
 
     def at(self, t: float) -> PersonMotion:
         """Return the motion at the time `t` [s]; at rest before 0 and after the end."""
         if t < 0.0:
             return PersonMotion(Pose2D())
-        number = math.floor(t / _CELL_S + 1e-9)
+        number = math.floor(t / CELL_S + 1e-9)
         if number >= len(self._cells):
             return self._last
         pose, twist, walked = self._cells[number]
-        since = max(t - number * _CELL_S, 0.0)
+        since = max(t - number * CELL_S, 0.0)
         return PersonMotion(
             pose.integrate(twist, since), twist, walked + math.hypot(twist.x, twist.y) * since
         )
+
+
+def scripted(
+    steps: Sequence[tuple[float, Twist2D]], acceleration: float, yaw_acceleration: float
+) -> Iterator[Twist2D]:
+    """Yield velocities one after the other, for each cell; after the last comes rest.
+
+    Args:
+        steps: Pairs of duration [s] and velocity.
+        acceleration: Largest change of the planar velocity [m/s²].
+        yaw_acceleration: Largest change of the yaw rate [rad/s²].
+    """
+    change = acceleration * CELL_S, yaw_acceleration * CELL_S
+    twist, cells, end = Twist2D(), 0, 0.0
+    for duration, goal in (*steps, (math.inf, Twist2D())):
+        end += duration
+        while cells * CELL_S < end - 1e-9 and not (twist == goal and math.isinf(end)):
+            before, twist, cells = twist, _towards(twist, goal, *change), cells + 1
+            yield Twist2D(*((a + b) / 2 for a, b in zip(before, twist, strict=True)))
 
 
 class Placed:
@@ -119,12 +123,14 @@ def make_path(path: config.Walk) -> PersonPath:
         case config.Script():
             steps = [(step.duration_s, _velocity(step)) for step in path.steps]
             yaw = math.radians(SCRIPT_YAW_ACCELERATION_DEG_S2)
-            return Placed(
-                ScriptedWalk(steps, path.acceleration_m_s2, yaw), start, path.start_after_s
-            )
-        case _:
-            walk = CurveWalk(_curve(path), path.speed_m_s)
+            walk = TwistWalk(scripted(steps, path.acceleration_m_s2, yaw))
             return Placed(walk, start, path.start_after_s)
+        case config.Wander():
+            walk = TwistWalk(wander.twists(path.number, path.duration_s, CELL_S))
+            return Placed(walk, start, path.start_after_s)
+        case _:
+            curve = CurveWalk(_curve(path), path.speed_m_s)
+            return Placed(curve, start, path.start_after_s)
 
 
 def check_path(path: PersonPath, world: WorldConfig, height: float, until: float) -> None:

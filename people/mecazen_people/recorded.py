@@ -25,7 +25,7 @@ MAX_ROWS = 400_000
 """Maximum number of rows; 4 h at 25 Hz have 360,000."""
 MIN_STEP_S = 0.001
 """Shortest time between two rows."""
-STANDING_M_S, WALKING_M_S = 0.1, 0.2
+STANDING_M_S, WALKING_M_S = 0.2, 0.3
 """Below the first speed the heading is held, above the second it follows the motion, between them
 partly."""
 MAX_YAW_RATE = 3.0

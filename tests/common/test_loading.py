@@ -64,6 +64,11 @@ WRONG = [
         (),
         f"{TEST}: sensors.tracker: min_range_m = 0.5 must be",
     ),
+    (
+        "sensors.depth.edge_probability = 0.6",
+        (),
+        f"{TEST}: sensors.depth: edge_probability must be at most 0.5",
+    ),
     (f"seed = {'9' * 5000}", (), f"{TEST}: not TOML: "),
     (f"seed = {'[' * 5000}", (), f"{TEST}: not TOML: nested too deep"),
     # settings of the command line

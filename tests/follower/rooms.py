@@ -11,14 +11,14 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import LaserScan
 from mecazen_follower.control import FieldOfView, PolarController
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.planner.costs import Extents, Rollout, SensorView, Situation
+from mecazen_follower.planner.costs import Extents, Rollout, Situation
 from mecazen_follower.planner.mppi import Planner
 from mecazen_follower.planner.surroundings import Shadows
 
 SCENARIO = Scenario(robot=load_robot())
 DRIVE = Drive.from_scenario(SCENARIO)
 BODY = Extents(*SCENARIO.robot.footprint, person=0.2)
-CAMERA = SensorView(0.0, math.radians(37.5), 3.86)
+CAMERA = FieldOfView(math.radians(37.5), 0.0, 3.86)
 NO_NOISE = ((0.0,) * 3,) * 3
 BEAMS, LEG = 360, 0.06
 TICK = 0.05

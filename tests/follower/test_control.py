@@ -13,19 +13,18 @@ from mecazen.drive import Drive, Limits
 from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate
 from mecazen_follower.control import (
     ALL_AROUND,
-    PID,
     PolarController,
     PolarTwist,
     PoseController,
     allocate,
     approach,
     kept_view,
+    pid,
 )
 from planar import angles, poses, standoffs, twists
 
 DT = 0.01
 BACK = Standoff(1.0, math.pi, 0.0)
-PERSON = Pose2D()
 STILL = Twist2D()
 
 
@@ -36,26 +35,36 @@ def make(standoff=BACK, max_speed=2.0, max_yaw_rate=3.0):
     return PolarController(standoff, law, Drive())
 
 
-def follow(controller, robot, seconds, walk=STILL, standoff=BACK, acceleration=math.inf):
+def follow(controller, standoff, robot, seconds, walk, acceleration=math.inf):
     """Yield person and robot, who takes commands with a limited linear acceleration [m/s²].
 
-    The person starts at the origin and walks with a constant body twist.
+    The person starts at the origin; `walk` is their body twist at a time.
     """
-    person, moving = PERSON, Twist2D()
+    person, moving = Pose2D(), Twist2D()
     change = acceleration * DT
-    for _ in range(round(seconds / DT)):
-        velocity = Twist2D(*rotate(walk.x, walk.y, person.yaw), walk.yaw)
-        goal = standoff.goal(person)
+    for tick in range(round(seconds / DT)):
+        twist = walk(tick * DT)
+        velocity = Twist2D(*rotate(twist.x, twist.y, person.yaw), twist.yaw)
         goal_velocity = standoff.goal_velocity(person, velocity)
-        wanted = controller.command(goal, goal_velocity, robot, DT)
+        wanted = controller.command(standoff.goal(person), goal_velocity, robot, DT)
         moving = Twist2D(
             min(max(wanted.x, moving.x - change), moving.x + change),
             min(max(wanted.y, moving.y - change), moving.y + change),
             wanted.yaw,
         )
         robot = robot.integrate(moving, DT)
-        person = person.integrate(walk, DT)
+        person = person.integrate(twist, DT)
         yield person, robot
+
+
+def walk_with(config, walk, seconds, view=ALL_AROUND):
+    """Yield person and robot, which starts at rest in its place and does what is commanded."""
+    controller = PolarController(config.standoff, config.control, DRIVE, view)
+    return follow(controller, config.standoff, config.standoff.goal(Pose2D()), seconds, walk)
+
+
+def stand(_):
+    return Twist2D()
 
 
 def test_approach_is_proportional_near_and_brakes_in_time_from_afar():
@@ -78,67 +87,34 @@ def test_at_the_goal_it_moves_exactly_with_the_goal(standoff, person, velocity):
 @example(2.0, 0.0, math.pi)
 def test_from_all_sides_it_comes_to_the_goal_and_never_near_the_person(distance, bearing, yaw):
     start = Pose2D(distance * math.cos(bearing), distance * math.sin(bearing), yaw)
-    for person, robot in follow(make(), start, 8.0):
+    for person, robot in follow(make(), BACK, start, 8.0, stand):
         assert person.distance(robot) > 0.8
     # half a circle at 2 m/s takes 1.6 s; then e^-3t
-    assert robot == pytest.approx(BACK.goal(PERSON), abs=1e-3)
+    assert robot == pytest.approx(BACK.goal(Pose2D()), abs=1e-3)
 
 
-huge = st.floats(-1e6, 1e6)
-anywhere = st.builds(Pose2D, huge, huge, angles)
-any_twist = st.builds(Twist2D, huge, huge, huge)
-
-
-@given(standoffs, anywhere, any_twist, anywhere)
-def test_limits_hold_whatever_comes(standoff, goal, goal_velocity, robot):
-    twist = make(standoff, 1.5, 2.5).command(goal, goal_velocity, robot, DT)
-    # a vector of just that length, put together from its parts, is rounded a few times
-    assert math.hypot(twist.x, twist.y) <= 1.5 * (1.0 + 1e-12)
-    assert abs(twist.yaw) <= 2.5
-
-
-@pytest.mark.parametrize("turn", [3.0, -3.0])
-def test_the_distance_is_kept_from_a_person_who_spins_faster_than_the_robot_can_go(turn):
-    start = BACK.goal(PERSON)
-    way = list(follow(make(), start, 10.0, Twist2D(yaw=turn), acceleration=2.5))
-    bearings = [BACK.errors(person, robot).bearing for person, robot in way]
+def test_the_distance_is_kept_from_a_person_who_spins_fast():
+    start = BACK.goal(Pose2D())
+    steps = list(follow(make(), BACK, start, 10.0, lambda _: Twist2D(yaw=3.0), acceleration=2.5))
+    bearings = [BACK.errors(person, robot).bearing for person, robot in steps]
     assert max(map(abs, bearings)) > 1.0  # 3 m/s would be needed, and 2 m/s there are
     # The goal laps the robot, which then has to turn back from 2 m/s: 0.8 s at 2.5 m/s².
     # Until then it is anywhere around the person; three PIDs would cut through them: 1 m.
-    distances = [abs(person.distance(robot) - 1.0) for person, robot in way]
+    distances = [abs(person.distance(robot) - 1.0) for person, robot in steps]
     assert max(distances) < 0.3
     assert np.mean(distances) < 0.1  # a tenth of the distance to keep, most of it at such turns
 
 
-@pytest.mark.parametrize("distance", [1.5, 3.0, 10.0])
-def test_a_robot_that_brakes_as_told_does_not_pass_its_distance(distance):
-    way = follow(make(), Pose2D(-distance), 10.0, acceleration=2.5)
-    distances = [person.distance(robot) for person, robot in way]
+def test_a_braking_robot_does_not_pass_its_distance():
+    steps = follow(make(), BACK, Pose2D(-3.0), 10.0, stand, acceleration=2.5)
+    distances = [person.distance(robot) for person, robot in steps]
     # where braking turns into the exponential, and one tick: 2 m/s² * 0.01 s / 3 per s
     assert min(distances) > 1.0 - 0.007
     assert distances[-1] == pytest.approx(1.0, abs=1e-6)
 
 
-def walk(config, walking, seconds, view=ALL_AROUND):
-    """Yield person and robot, which starts at rest in its place and does what is commanded.
-
-    The person's body twist at a time is `walking`; the follower knows pose and velocity.
-    """
-    controller = PolarController(config.standoff, config.control, DRIVE, view)
-    person = Pose2D()
-    robot = config.standoff.goal(person)
-    for tick in range(round(seconds / DT)):
-        twist = walking(tick * DT)
-        velocity = Twist2D(*rotate(twist.x, twist.y, person.yaw), twist.yaw)
-        goal_velocity = config.standoff.goal_velocity(person, velocity)
-        command = controller.command(config.standoff.goal(person), goal_velocity, robot, DT)
-        robot = robot.integrate(command, DT)
-        person = person.integrate(twist, DT)
-        yield person, robot
-
-
 def distance_errors(config, walking, seconds):
-    steps = walk(config, walking, seconds)
+    steps = walk_with(config, walking, seconds)
     return [abs(person.distance(robot) - config.standoff_m) for person, robot in steps]
 
 
@@ -149,8 +125,13 @@ def test_at_45_degrees_it_keeps_the_distance_from_who_is_faster_than_the_diagona
     assert max(errors[round(8.0 / DT) :]) < 0.01
 
 
-@pytest.mark.parametrize("view", ["back", "front"])
-def test_it_catches_up_with_who_walks_from_the_first_tick_nearly_as_fast_as_can_be(view):
+def test_a_robot_beside_who_runs_off_turns_to_catch_up():
+    # from rest it falls back to where the way to the person is askew, at 1.41 m/s of the wheels
+    errors = distance_errors(FollowerConfig(view="side_left"), lambda _: Twist2D(1.8), 15.0)
+    assert max(errors[round(8.0 / DT) :]) < 0.05  # it closes in slowly: little speed is left
+
+
+def test_it_catches_up_nearly_as_fast_as_possible():
     """The time-optimal plan: 2.5 m/s² up to 2 m/s, there until it has to brake to 1.3 m/s."""
     v, a, most = 1.3, 2.5, 2.0
     best, gap, speed = 0.0, 0.0, 0.0
@@ -159,38 +140,37 @@ def test_it_catches_up_with_who_walks_from_the_first_tick_nearly_as_fast_as_can_
         speed = speed - a * DT if brakes else min(speed + a * DT, most)
         gap += (v - speed) * DT
         best += abs(gap) * DT
-    config = FollowerConfig(view=view)
+    config = FollowerConfig(view="back")
     area = sum(distance_errors(config, lambda _: Twist2D(v), 8.0)) * DT
-    # besides, the last 0.2 m are taken at the gain of 3 per s that the noise allows
-    assert area < best + 0.2 / 3.0
+    # besides, the last 0.2 m are taken at the gain of 5 per s that the noise allows
+    assert area < best + 0.2 / 5.0
 
 
-@pytest.mark.parametrize("view", ["back", "side_left", "side_right", "front"])
-def test_a_camera_of_70_degrees_keeps_who_sets_off_and_turns(view):
+@pytest.mark.parametrize("view", ["back", "side_left"])
+def test_a_camera_of_70_degrees_keeps_a_person_who_turns(view):
     config = FollowerConfig(view=view)
 
     def walking(time):
         return Twist2D(1.2, 0.0, 1.5 if 3.0 < time < 5.0 else 0.0)
 
     fov = math.radians(70.0)
-    for person, robot in walk(config, walking, 10.0, kept_view(fov)):
+    for person, robot in walk_with(config, walking, 10.0, kept_view(fov)):
         seen = robot.between(person)
         assert abs(math.atan2(seen.y, seen.x)) < fov / 2
 
 
 def test_the_field_of_view_is_that_of_the_sensor():
     assert kept_view(math.tau) == ALL_AROUND
-    assert kept_view(math.radians(70.0), 1.0) == pytest.approx((math.radians(20.0), 1.0))
-    assert kept_view(math.radians(20.0)) == pytest.approx((math.radians(5.0), 0.0))
+    assert kept_view(math.radians(70.0), 1.0) == pytest.approx((math.radians(20.0), 1.0, math.inf))
+    assert kept_view(math.radians(20.0)) == pytest.approx((math.radians(5.0), 0.0, math.inf))
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_robot_whose_camera_looks_sideways_drives_beside_the_person_without_turning(side):
-    config = FollowerConfig(bearing_deg=-90.0 * side, heading_deg=0.0)
-    view = kept_view(math.radians(75.0), math.pi / 2 * side)
-    for person, robot in walk(config, lambda time: Twist2D(min(time, 1.3)), 6.0, view):
+def test_with_a_camera_that_looks_sideways_it_does_not_turn():
+    config = FollowerConfig(bearing_deg=-90.0, heading_deg=0.0)
+    view = kept_view(math.radians(75.0), math.pi / 2)
+    for person, robot in walk_with(config, lambda time: Twist2D(min(time, 1.3)), 6.0, view):
         seen = robot.between(person)
-        assert math.atan2(seen.y, seen.x) == pytest.approx(math.pi / 2 * side, abs=0.1)
+        assert math.atan2(seen.y, seen.x) == pytest.approx(math.pi / 2, abs=0.1)
         assert robot.yaw == pytest.approx(0.0, abs=1e-6)  # rounding
 
 
@@ -234,37 +214,21 @@ def test_a_step_stays_within_all_limits(target, direction, x, y, yaw, turns_firs
         assert low - 1e-9 <= value <= high + 1e-9
 
 
-def test_a_drive_without_limits_reaches_any_twist():
-    twist = allocate(PolarTwist(3.0, 4.0, 5.0), math.pi / 2, STILL, Drive(), math.inf, DT)
-    assert twist == pytest.approx((-4.0, 3.0, 5.0))
-
-
-def test_terms_add_up_as_computed_by_hand():
-    pid = PID(Gains(kp=2.0, ki=0.5, kd=0.1, limit=10.0))
-    # 0.3 + 2 * 1 + 0.5 * 1 * 0.2 + 0.1 * -4
-    assert pid.update(1.0, -4.0, 0.2, 0.3) == pytest.approx(2.0)
-    # the integral alone is left: 0.1
-    assert pid.update(0.0, 0.0, 0.2) == pytest.approx(0.1)
-
-
-def test_integral_does_not_wind_up_at_the_limit():
-    pid = PID(Gains(kp=1.0, ki=1.0, limit=0.5))
-    for _ in range(1000):
-        assert pid.update(2.0, 0.0, DT) == 0.5
-    # With 20 s·m of integral it would stay at its limit for long; it turns at once.
-    assert pid.update(-0.1, 0.0, DT) == pytest.approx(-0.101)
-
-
-def test_integral_is_unwound_while_the_output_is_at_its_limit():
-    pid = PID(Gains(kp=0.0, ki=1.0, limit=1.0))
-    pid.update(0.9, 0.0, 1.0)
-    for _ in range(10):
-        # The feed-forward alone holds the output at its limit; the error is against it.
-        assert pid.update(-0.05, 0.0, 1.0, feed_forward=5.0) == 1.0
-    assert pid.update(0.0, 0.0, 1.0) == pytest.approx(0.4)
+def test_a_pid_adds_terms_and_does_not_wind_up():
+    gains = Gains(kp=2.0, ki=0.5, kd=0.1, limit=10.0)
+    # 0.3 + 2 * 1 + 0.5 * 1 * 0.2 + 0.1 * -4; then the integral alone
+    output, integral = pid(gains, 1.0, -4.0, 0.0, 0.2, 0.3)
+    assert output == pytest.approx(2.0)
+    assert pid(gains, 0.0, 0.0, integral, 0.2) == pytest.approx((0.1, 0.1))
+    # at the limit an error is integrated only if it is against the output
+    gains = Gains(kp=1.0, ki=1.0, limit=0.5)
+    assert pid(gains, 2.0, 0.0, 0.2, DT) == (0.5, 0.2)
+    assert pid(gains, -0.1, 0.0, 0.9, 1.0) == pytest.approx((0.5, 0.8))
 
 
 NORTH = math.pi / 2
+RIGHT = Pose2D(1.0, 0.0, NORTH), Pose2D(0.0, 0.0, NORTH)
+PLACE = Pose2D(3.0, 4.0, NORTH)
 
 
 def controller(kp=1.0, ki=0.0, kd=0.0, feed_forward=True):
@@ -272,27 +236,21 @@ def controller(kp=1.0, ki=0.0, kd=0.0, feed_forward=True):
     return PoseController(PidControl(gains, gains, gains, feed_forward))
 
 
-def test_error_is_taken_in_base_link():
-    # The robot looks along +y; a goal 1 m to the +x is on its right.
-    twist = controller().command(Pose2D(1.0, 0.0, NORTH), Twist2D(), Pose2D(0.0, 0.0, NORTH), DT)
-    assert twist == pytest.approx((0.0, -1.0, 0.0), abs=1e-12)
-
-
-def test_feed_forward_is_turned_into_base_link():
-    here = Pose2D(3.0, 4.0, NORTH)
-    twist = controller().command(here, Twist2D(0.2, 0.5, 0.1), here, DT)
-    assert twist == pytest.approx((0.5, -0.2, 0.1))
-
-
-def test_without_feed_forward_the_goal_velocity_does_nothing():
-    here = Pose2D(3.0, 4.0, 1.0)
-    twist = controller(kd=1.0, feed_forward=False).command(here, Twist2D(1.0, 1.0, 1.0), here, DT)
-    assert twist == Twist2D()
-
-
-def test_heading_takes_the_short_way_across_the_wrap():
-    twist = controller().command(Pose2D(0.0, 0.0, -3.1), Twist2D(), Pose2D(0.0, 0.0, 3.1), DT)
-    assert twist.yaw == pytest.approx(math.tau - 6.2)
+@pytest.mark.parametrize(
+    ("feed_forward", "goal", "velocity", "robot", "expected"),
+    [
+        # the robot looks along +y; a goal 1 m to the +x is on its right
+        (True, RIGHT[0], (0.0, 0.0, 0.0), RIGHT[1], (0.0, -1.0, 0.0)),
+        (True, PLACE, (0.2, 0.5, 0.1), PLACE, (0.5, -0.2, 0.1)),
+        (False, PLACE, (0.2, 0.5, 0.1), PLACE, (0.0, 0.0, 0.0)),
+        # the short way across the wrap
+        (True, Pose2D(yaw=-3.1), (0.0, 0.0, 0.0), Pose2D(yaw=3.1), (0.0, 0.0, math.tau - 6.2)),
+    ],
+)
+def test_error_and_feed_forward_are_in_base_link(feed_forward, goal, velocity, robot, expected):
+    control = controller(feed_forward=feed_forward)
+    twist = control.command(goal, Twist2D(*velocity), robot, DT)
+    assert twist == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -300,20 +258,14 @@ def test_heading_takes_the_short_way_across_the_wrap():
     [
         # a goal that jumps 0.004 m ahead in 0.01 s: 0.5 * 0.4 m/s
         ([Pose2D(), Pose2D(0.004)], [Pose2D(), Pose2D()], (0.2, 0.0, 0.0)),
-        # the robot looks along +y and moves 0.004 m ahead: the error falls
-        ([Pose2D()] * 2, [Pose2D(0.0, 0.0, NORTH), Pose2D(0.0, 0.004, NORTH)], (-0.2, 0.0, 0.0)),
         # 1 m ahead of a robot that turns left by 0.001: the goal moves 0.001 m to the right
         ([Pose2D(1.0)] * 2, [Pose2D(), Pose2D(0.0, 0.0, 0.001)], (0.0, -0.05, -0.05)),
         # 0.002 rad to the left, across the wrap of the error at pi
-        (
-            [Pose2D(0.0, 0.0, math.pi - 0.001), Pose2D(0.0, 0.0, 0.001 - math.pi)],
-            [Pose2D(), Pose2D()],
-            (0.0, 0.0, 0.1),
-        ),
+        ([Pose2D(yaw=math.pi - 0.001), Pose2D(yaw=0.001 - math.pi)], [Pose2D()] * 2, (0, 0, 0.1)),
         # the robot moves with the goal: the error is constant
         ([Pose2D(1.0), Pose2D(1.004)], [Pose2D(), Pose2D(0.004)], (0.0, 0.0, 0.0)),
     ],
-    ids=["jump", "ahead", "turn", "wrap", "together"],
+    ids=["jump", "turn", "wrap", "together"],
 )
 def test_derivative_is_the_rate_of_the_error(goals, robots, expected):
     control = controller(kp=0.0, kd=0.5, feed_forward=False)
@@ -328,5 +280,4 @@ def test_stop_is_at_rest_and_forgets_integrals_and_motion():
     for tick in range(100):
         control.command(Pose2D(5.0, 5.0, 1.0), Twist2D(), Pose2D(tick * DT, 0.0, 0.0), DT)
     assert control.stop() == Twist2D()
-    here = Pose2D(9.0, 9.0, 0.0)
-    assert control.command(here, Twist2D(), here, DT) == Twist2D()
+    assert control.command(PLACE, Twist2D(), PLACE, DT) == Twist2D()

@@ -1,16 +1,58 @@
-"""Properties of every estimator, and whether its errors match its covariance."""
+"""The estimators: common properties, consistency, and their models against independent values."""
 
 import math
 
 import numpy as np
 import pytest
 from filterpy.common import Q_continuous_white_noise
-from follower.walks import DT, FRAME_S, NOISE, frame, make, simulate_turning, total_nees, walk
+from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
+from follower.walks import (
+    FRAME_S,
+    MATCHED,
+    NOISE,
+    frame,
+    make,
+    simulate_turning,
+    total_nees,
+    white,
+)
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_follower.estimators import ESTIMATORS
+from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
+from mecazen_follower.estimators import ESTIMATORS, Estimate
+from mecazen_follower.estimators.imm import (
+    IDENTITY,
+    MANOEUVRING,
+    MODES,
+    OBSERVED,
+    SIZE,
+    STANDING,
+    STRAIGHT,
+    TURNING,
+    YAW,
+    H,
+    ImmBank,
+    V,
+    ctrv,
+    process_noise,
+)
 from scipy.stats import chi2
+
+DT = 0.01
+
+
+def walk(estimator, seconds, velocity, start=Pose2D()):  # noqa: B008  # immutable
+    """Walk with `velocity`, in odom, and an observation each 40 ms; return the last pose."""
+    pose = start
+    for tick in range(round(seconds / DT)):
+        estimator.predict(DT)
+        t = tick * DT
+        pose = Pose2D(
+            start.x + velocity.x * t, start.y + velocity.y * t, wrap(start.yaw + velocity.yaw * t)
+        )
+        if tick % 4 == 0:
+            estimator.update(pose, NOISE)
+    return pose
 
 
 @pytest.fixture(params=sorted(ESTIMATORS))
@@ -18,28 +60,24 @@ def estimator(request):
     return make(request.param)
 
 
-def test_before_the_first_observation_there_is_no_estimate(estimator):
+def test_the_first_observation_is_the_estimate(estimator):
     estimator.predict(DT)
-    assert estimator.estimate is None
-    assert estimator.nis is None
-
-
-def test_first_observation_is_the_estimate(estimator):
+    assert (estimator.estimate, estimator.ahead(0.2), estimator.nis) == (None, None, None)
     estimator.update(Pose2D(1.0, -2.0, 3.0), NOISE)
     assert estimator.estimate.pose == pytest.approx((1.0, -2.0, 3.0))
     assert estimator.estimate.velocity == Twist2D()
     assert np.asarray(estimator.estimate.covariance) == pytest.approx(NOISE)
 
 
-def test_estimate_is_made_of_plain_floats(estimator):
-    walk(estimator, 0.5, Twist2D(1.0, 0.0, 0.1))
-    pose, velocity, covariance = estimator.estimate
-    numbers = [*pose, *velocity, *(number for row in covariance for number in row)]
-    assert {type(number) for number in numbers} == {float}
-    assert len(numbers) == 15
+@pytest.mark.parametrize("unknown", [None, np.zeros((3, 3))])
+def test_an_unknown_covariance_is_that_of_the_parameters(unknown):
+    estimator = make("kf_cv", position_std_m=0.2, yaw_std_deg=10.0)
+    estimator.update(Pose2D(), unknown)
+    variances = np.diag(estimator.estimate.covariance)
+    assert variances == pytest.approx([0.04, 0.04, math.radians(10.0) ** 2])
 
 
-def test_yaw_across_the_wrap_is_no_jump(estimator):
+def test_a_yaw_across_the_wrap_is_no_jump(estimator):
     # Walking towards -x, the direction of motion too is near ±pi.
     for tick in range(200):
         estimator.predict(DT)
@@ -49,28 +87,22 @@ def test_yaw_across_the_wrap_is_no_jump(estimator):
         assert -math.pi < estimator.estimate.pose.yaw <= math.pi
 
 
-def test_a_sensor_without_noise_is_fine(estimator):
+def test_a_sensor_without_noise_is_accepted(estimator):
     perfect = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1e-9]]
     for _ in range(3):
         estimator.update(Pose2D(1.0, 2.0, 0.5), perfect)
-    estimator.predict(DT)
-    estimator.update(Pose2D(1.0, 2.0, 0.5), perfect)
+        estimator.predict(DT)
     assert estimator.estimate.pose == pytest.approx((1.0, 2.0, 0.5), abs=1e-6)
 
 
 coordinate = st.floats(-1e6, 1e6)
+observations = st.tuples(coordinate, coordinate, st.floats(-100.0, 100.0), st.floats(0.001, 5.0))
 
 
-@given(
-    st.sampled_from(sorted(ESTIMATORS)),
-    st.lists(
-        st.tuples(coordinate, coordinate, st.floats(-100.0, 100.0), st.floats(0.001, 5.0)),
-        max_size=20,
-    ),
-)
-def test_whatever_is_observed_the_estimate_is_finite(name, observations):
+@given(st.sampled_from(sorted(ESTIMATORS)), st.lists(observations, max_size=20))
+def test_the_estimate_is_finite_for_any_observations(name, observed):
     estimator = make(name)
-    for x, y, yaw, dt in observations:
+    for x, y, yaw, dt in observed:
         estimator.predict(dt)
         estimator.update(Pose2D(x, y, yaw), NOISE)
         pose, velocity, covariance = estimator.estimate
@@ -78,71 +110,59 @@ def test_whatever_is_observed_the_estimate_is_finite(name, observations):
         assert (np.diag(covariance) > 0.0).all()
 
 
-def test_ahead_by_nothing_is_the_estimate_and_looking_ahead_changes_nothing(estimator):
-    assert estimator.ahead(0.2) is None
+def test_looking_ahead_changes_nothing_and_a_reset_all(estimator):
     walk(estimator, 2.0, Twist2D(1.0, 0.5, 0.2))
-    now, then = estimator.estimate, estimator.ahead(0.0)
-    assert then.pose == pytest.approx(now.pose)
-    assert then.velocity == pytest.approx(now.velocity)
+    first, ahead = estimator.estimate, estimator.ahead(0.0)
+    assert ahead.pose == pytest.approx(first.pose)
+    assert ahead.velocity == pytest.approx(first.velocity)
     estimator.ahead(0.5)
-    assert estimator.estimate == now
-
-
-def test_after_a_reset_all_is_as_at_first_to_the_last_bit(estimator):
-    walk(estimator, 2.0, Twist2D(1.0, 0.5, 0.2))
-    first = estimator.estimate
+    assert estimator.estimate == first
     estimator.reset()
     assert (estimator.estimate, estimator.nis) == (None, None)
     walk(estimator, 2.0, Twist2D(1.0, 0.5, 0.2))
-    assert estimator.estimate == first
+    assert estimator.estimate == first  # to the last bit
 
 
-def simulate_constant_velocity(seconds, rng, std=0.4, yaw_std=0.3):
-    """Yield truth, estimate and NIS after each update; the truth moves as the filter thinks."""
+def test_without_a_filter_the_last_observation_is_held():
+    estimator = make("none")
+    estimator.update(Pose2D(1.0, 2.0, 3.0), NOISE)
+    for _ in range(100):
+        estimator.predict(DT)
+    assert estimator.estimate.pose == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "dt", "pose", "moving"),
+    [
+        ((1.0, -2.0, 0.0), 0.2, (1.2, 1.6, math.pi), (1.0, -2.0, 0.0)),
+        # a quarter of a circle of 2 m to the left, from heading -x to heading -y
+        ((-1.0, 0.0, 0.5), math.pi, (-1.0, 0.0, -math.pi / 2.0), (0.0, -1.0, 0.5)),
+    ],
+)
+def test_an_estimate_continues_along_a_line_or_an_arc(velocity, dt, pose, moving):
+    after = Estimate(Pose2D(1.0, 2.0, math.pi), Twist2D(*velocity), ()).after(dt)
+    assert after.pose == pytest.approx(pose)
+    assert after.velocity == pytest.approx(moving, abs=1e-12)
+
+
+def constant_velocity(seconds, rng, std=0.4, yaw_std=0.3):
+    """Yield truth, estimate and NIS after each update; the truth moves as the filter assumes."""
     estimator = make("kf_cv", acceleration_std_m_s2=std, yaw_acceleration_std_rad_s2=yaw_std)
-    step = np.array([[1.0, DT], [0.0, 1.0]])
-    root = np.linalg.cholesky(Q_continuous_white_noise(2, DT, 1.0))
+    step = np.array([[1.0, FRAME_S], [0.0, 1.0]])
+    root = np.linalg.cholesky(Q_continuous_white_noise(2, FRAME_S, 1.0))
     scale = np.array([[std], [std], [yaw_std]])
     state = np.column_stack([rng.normal(size=3) * 5.0, rng.normal(size=3) * [1.0, 1.0, 0.5]])
-    for tick in range(round(seconds / DT)):
-        if tick % 4 == 0:
-            seen = state[:, 0] + rng.normal(size=3) * np.sqrt(np.diag(NOISE))
-            estimator.update(Pose2D(seen[0], seen[1], wrap(seen[2])), NOISE)
-            yield state[:, 0], estimator.estimate, estimator.nis
-        estimator.predict(DT)
+    for _ in range(round(seconds / FRAME_S)):
+        frame(estimator, state[:, 0] + white(rng))
+        yield state[:, 0], estimator.estimate, estimator.nis
         state = state @ step.T + scale * (rng.normal(size=(3, 2)) @ root.T)
 
 
-def test_nis_of_a_wrong_model_is_not():
-    # The same bound does find a filter that believes its sensor too much.
-    rng = np.random.default_rng(9)
-    estimator = make("kf_cv")
-    nis = []
-    for _ in range(500):
-        estimator.predict(DT)
-        estimator.update(Pose2D(*(rng.normal(size=3) * 0.1).tolist()), np.eye(3) * 0.05**2)
-        nis.append(estimator.nis or 0.0)
-    assert sum(nis) > chi2.ppf(0.9995, 3 * len(nis))
-
-
-MATCHED_MODELS = pytest.mark.parametrize(
-    "simulate",
-    [
-        pytest.param(simulate_constant_velocity, id="kf_cv"),
-        pytest.param(simulate_turning, id="ekf_ctrv"),
-    ],
-)
-
-
-@MATCHED_MODELS
-def test_nees_of_the_matched_model_is_chi_square(simulate):
-    # 100 independent runs, 3 degrees of freedom each; two-sided 99.9 %
-    assert chi2.ppf(0.0005, 300) < total_nees(simulate, 100) < chi2.ppf(0.9995, 300)
-
-
-@MATCHED_MODELS
-def test_nis_of_the_matched_model_is_chi_square(simulate):
-    # Innovations of a right filter are white, so one run will do; two-sided 99.9 %.
+@pytest.mark.parametrize("simulate", [constant_velocity, simulate_turning])
+def test_errors_of_a_matched_model_are_chi_square(simulate):
+    # independent runs, 3 degrees of freedom each; two-sided 99.9 %
+    assert chi2.ppf(0.0005, 180) < total_nees(simulate, 60) < chi2.ppf(0.9995, 180)
+    # innovations of a right filter are white, so one run will do
     _, *nis = [nis for _, _, nis in simulate(40.0, np.random.default_rng(8))]
     assert chi2.ppf(0.0005, 3 * len(nis)) < sum(nis) < chi2.ppf(0.9995, 3 * len(nis))
 
@@ -159,29 +179,262 @@ HEADING = {
 }
 
 
-def heading_error(name, seconds=15.0):
-    """Return the rms of the heading's error [rad] after a slow straight walk, of ten walks.
+def heading_error(name, seconds=15.0, walks=6):
+    """Return the rms of the heading's error [rad] after slow straight walks.
 
     The sensor is good for 5 cm and for 65 degrees.
     """
     noise = np.diag([0.05**2, 0.05**2, math.radians(65.0) ** 2])
     squares = []
-    for seed in range(10):
+    for seed in range(walks):
         rng, estimator = np.random.default_rng(seed), make(name, **HEADING[name])
         heading = rng.uniform(-math.pi, math.pi)
         for number in range(round(seconds / FRAME_S)):
-            way = SLOW * number * FRAME_S
-            pose = np.array([way * math.cos(heading), way * math.sin(heading), heading])
-            frame(estimator, pose + rng.normal(size=3) * np.sqrt(np.diag(noise)), noise)
+            along = SLOW * number * FRAME_S
+            pose = np.array([along * math.cos(heading), along * math.sin(heading), heading])
+            frame(estimator, pose + white(rng, noise), noise)
         squares.append(wrap(estimator.estimate.pose.yaw - heading) ** 2)
     return math.sqrt(np.mean(squares))
 
 
-def test_the_heading_is_known_from_the_motion_where_model_and_motion_are_tied():
-    # A line fitted to the positions has a slope of σ sqrt(12 / (rate T³)): 0.17 degrees. Who
-    # may also turn is fitted a parabola, whose end slope is 4 times as uncertain: 0.68. Three
-    # times that is granted, since the filters forget a little: 2 degrees.
+def test_the_heading_follows_from_the_motion_where_both_are_coupled():
+    # A line fitted to the positions has a slope of σ sqrt(12 / (rate T³)): 0.17 degrees. For a
+    # person who may also turn it is a parabola, whose end slope is 4 times as uncertain: 0.68.
+    # Three times that is allowed for the single filter, which forgets a little, and six times for
+    # the bank, whose people may wind: 2 and 4 degrees.
     parabola = 4.0 * 0.05 * math.sqrt(12.0 * FRAME_S / 15.0**3) / SLOW
-    assert heading_error("imm") < 3.0 * parabola
+    assert heading_error("imm") < 6.0 * parabola
     assert heading_error("ekf_ctrv") < 3.0 * parabola
     assert heading_error("kf_cv") > 6.0 * parabola
+
+
+def test_the_displacement_filter_is_filterpys_in_every_tick():
+    estimator = make("kf_displacement", position_drift_m_sqrt_s=0.5)
+    walk(estimator, 2.0, Twist2D(0.3, 0.0, 0.2))
+    pose, velocity, covariance = estimator.estimate
+    reference = KalmanFilter(3, 2)
+    reference.x, reference.P = np.array(pose), np.array(covariance)
+    reference.H = np.eye(2, 3)
+    for _ in range(10):
+        estimator.predict(DT)
+        noise = np.diag([0.25 * DT, 0.25 * DT, 0.0])
+        reference.predict(u=np.array([velocity.x, velocity.y, 0.0]) * DT, B=np.eye(3), Q=noise)
+        assert estimator.estimate.pose == pytest.approx(reference.x, abs=1e-12)
+        assert np.array(estimator.estimate.covariance) == pytest.approx(reference.P, abs=1e-12)
+    seen = Pose2D(pose.x + 0.1, pose.y - 0.2, pose.yaw)
+    estimator.update(seen, NOISE)
+    reference.update(np.array(seen[:2]), R=NOISE[:2, :2])
+    assert estimator.estimate.pose[:2] == pytest.approx(reference.x[:2], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "yaw", "expected"),
+    [
+        ((0.2, 0.0), 0.0, 0.0),  # literally, F would move them by yaw times the displacement
+        ((0.0, 0.5), 0.0, math.pi / 2.0),  # the direction of motion, whatever is observed
+        ((0.0, 0.0), 3.0, 3.0),  # at rest the observed yaw
+    ],
+)
+def test_the_displacement_filter_takes_motion_for_the_yaw(velocity, yaw, expected):
+    estimator = make("kf_displacement")
+    walk(estimator, 10.0, Twist2D(*velocity), Pose2D(yaw=yaw))
+    before = estimator.estimate
+    for _ in range(100):
+        estimator.predict(DT)
+    after = estimator.estimate
+    assert before.velocity[:2] == pytest.approx(velocity, rel=0.01)  # e^-10 of the smoothing
+    moved = after.pose.x - before.pose.x, after.pose.y - before.pose.y
+    assert moved == pytest.approx(before.velocity[:2])
+    assert after.pose.yaw == pytest.approx(expected, abs=1e-6)
+
+
+# P[x, x] = 0.0125 both times: 0.0025 + 0.25 * 0.04 of drift, or + 1 * 0.1² of the first speed;
+# so S = 0.015, K = 5/6, x = 1/12 and NIS = 0.01 / 0.015. The speed is (1 - e^-0.02) * x / 0.04
+# of the smoothing, or 0.1 / S of 0.1 m.
+@pytest.mark.parametrize(
+    ("name", "params", "after_s", "speed"),
+    [
+        (
+            "kf_displacement",
+            {"position_drift_m_sqrt_s": 0.5, "smoothing_s": 2.0},
+            0.04,
+            (1 - math.exp(-0.02)) / 0.48,
+        ),
+        ("kf_cv", {"acceleration_std_m_s2": 1e-6}, 0.1, 2 / 3),
+    ],
+)
+def test_a_linear_filter_corrects_by_the_gain_computed_by_hand(name, params, after_s, speed):
+    estimator = make(name, **params)
+    estimator.update(Pose2D(), NOISE)
+    estimator.predict(after_s)
+    estimator.update(Pose2D(0.1, 0.0, 0.0), NOISE)
+    assert estimator.estimate.pose.x == pytest.approx(1 / 12)
+    assert estimator.estimate.velocity.x == pytest.approx(speed)
+    assert estimator.estimate.covariance[0][0] == pytest.approx(0.0125 / 6)
+    assert estimator.nis == pytest.approx(2 / 3)
+
+
+@pytest.mark.parametrize(("name", "parts"), [("kf_cv", 7), ("imm", 8)])
+def test_many_short_predictions_equal_a_long_one(name, parts):
+    whole, divided = make(name), make(name)
+    for estimator in (whole, divided):
+        walk(estimator, 1.0, Twist2D(0.5, 0.2, 0.1))
+    whole.predict(0.08)
+    for _ in range(parts):
+        divided.predict(0.08 / parts)
+    assert np.allclose(whole.estimate.pose, divided.estimate.pose, atol=1e-9)
+    assert np.allclose(whole.estimate.covariance, divided.estimate.covariance, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "params", "twist"),
+    [
+        ("kf_cv", {}, Twist2D(0.8, 0.0, 0.0)),
+        ("ekf_ctrv", MATCHED, Twist2D(0.8, 0.0, -0.5)),
+    ],
+)
+def test_a_steady_walk_is_predicted_exactly(name, params, twist):
+    estimator, pose = make(name, **params), Pose2D(1.0, 2.0, 3.0)
+    for _ in range(1000):  # 40 s without noise: nothing of the start is left
+        pose = pose.integrate(twist, FRAME_S)
+        frame(estimator, pose)
+    later, ahead = pose.integrate(twist, 0.2), estimator.ahead(0.2)
+    assert ahead.pose == pytest.approx(later, abs=1e-9)
+    assert ahead.velocity[:2] == pytest.approx(rotate(0.8, 0.0, later.yaw), abs=1e-9)
+
+
+SWAY = 0.03
+START = np.array([1.0, -2.0, 0.4, 0.0, 0.0])
+COVARIANCE = np.diag([*np.diag(NOISE), 1.0, 0.25])
+STAND, STROLL, TURN = (0.0, 0.0), (0.8, 0.0), (0.8, 0.7)
+WAVERING = 0.1
+"""Random walk of the heading of a person who walks on [rad], after 1 s; who stands has a tenth."""
+
+coordinates = st.floats(-10.0, 10.0)
+rates = st.one_of(st.just(0.0), st.floats(-1e-6, 1e-6), st.floats(-5.0, 5.0))
+states = st.tuples(coordinates, coordinates, coordinates, st.floats(-3.0, 3.0), rates).map(np.array)
+times = st.floats(1e-3, 1.0)
+variances = st.tuples(*[st.floats(0.0, 9.0)] * SIZE)
+
+
+@given(states, times, st.floats(0.0, 5.0))
+def test_the_motion_is_the_exponential_map_with_its_derivative(state, dt, fading):
+    x, y, yaw, v, w = state.tolist()
+    pose = Pose2D(x, y, yaw).integrate(Twist2D(v, 0.0, w), dt)
+    moved, _ = ctrv(state, dt)
+    assert moved[:2] == pytest.approx(pose[:2], abs=1e-12)
+    assert wrap(moved[YAW] - pose.yaw) == pytest.approx(0.0, abs=1e-12)
+    assert moved[V:].tolist() == [v, w]
+    h = 1e-5
+    steps = [
+        ctrv(state + step, dt, fading)[0] - ctrv(state - step, dt, fading)[0]
+        for step in h * IDENTITY
+    ]
+    # h² times third derivatives below 10, and 1e-14 of rounding over h
+    assert ctrv(state, dt, fading)[1] == pytest.approx(np.transpose(steps) / (2.0 * h), abs=3e-9)
+
+
+@given(variances, states, times)
+def test_process_noise_is_a_covariance(variances, state, dt):
+    Q = process_noise(variances, state, dt)
+    assert (Q == Q.T).all()
+    assert np.linalg.eigvalsh(Q)[0] >= -1e-14 * np.trace(Q)
+
+
+@given(variances, st.floats(-math.pi, math.pi), times)
+def test_process_noise_at_rest_is_the_integral_of_white_noise(variances, yaw, dt):
+    # at v = w = 0 the model is linear
+    state = np.array([0.0, 0.0, yaw, 0.0, 0.0])
+    _, *densities = variances
+    rates = np.diag([densities[0], *densities])
+    start, middle, end = (F @ rates @ F.T for F in (ctrv(state, t)[1] for t in (0.0, dt / 2, dt)))
+    integral = (start + 4.0 * middle + end) * dt / 6.0  # Simpson: exact for squares of t
+    assert process_noise(variances, state, dt) == pytest.approx(integral, rel=1e-12, abs=1e-12)
+
+
+class FilterpyMode(ExtendedKalmanFilter):
+    """A mode as filterpy's extended Kalman filter, with the interface of its Kalman filter."""
+
+    def __init__(self, mode):
+        super().__init__(SIZE, OBSERVED)
+        self.x, self.P, self._mode = START.copy(), COVARIANCE.copy(), mode
+        self._persists = np.array([1.0, 1.0, 1.0, mode.moves, mode.turns])
+
+    def predict_x(self, u=None):
+        x = self.x * self._persists
+        self.x, F = ctrv(x, FRAME_S, self._mode.fading_1_s)
+        self.F = F * self._persists
+        self.Q = process_noise(np.square((SWAY, *self._mode[:4])), x, FRAME_S)
+
+    def update(self, z):
+        super().update(z, lambda _: H, lambda x: x[:OBSERVED], R=NOISE)
+
+
+def observed(*phases, seed=1):
+    """Yield noisy observations of a person who walks with (speed, turn rate) for each phase [s]."""
+    rng = np.random.default_rng(seed)
+    state = START.copy()
+    for seconds, *motion in phases:
+        state[OBSERVED:] = motion
+        for _ in range(round(seconds / FRAME_S)):
+            state, _ = ctrv(state, FRAME_S)
+            if motion[1] == 0.0:
+                wavering = WAVERING if motion[0] else WAVERING / 10.0
+                state[YAW] += wavering * math.sqrt(FRAME_S) * rng.normal()
+            yield state[:OBSERVED] + white(rng)
+
+
+@pytest.mark.parametrize("modes", [(TURNING,), MODES])
+def test_the_bank_agrees_with_filterpy(modes):
+    bank, n = ImmBank(modes, SWAY, START, COVARIANCE), len(modes)
+    transitions = np.array([[FRAME_S / mode.sojourn_s / max(n - 1, 1)] * n for mode in modes])
+    np.fill_diagonal(transitions, [1.0 - FRAME_S / mode.sojourn_s * (n > 1) for mode in modes])
+    filters = [FilterpyMode(mode) for mode in modes]
+    reference = IMMEstimator(filters, [1.0 / n] * n, transitions) if n > 1 else filters[0]
+    for z in observed((2.0, *STAND), (2.0, *STROLL), (2.0, *TURN)):
+        bank.predict(FRAME_S)
+        reference.predict()
+        bank.update(z, NOISE)
+        reference.update(z)
+        x, P = bank.ahead(0.0)
+        assert x == pytest.approx(reference.x, abs=1e-9)
+        assert pytest.approx(reference.P, abs=1e-9) == P
+        if n > 1:
+            assert bank.mu == pytest.approx(reference.mu, abs=1e-9)
+        else:
+            assert bank.nis == pytest.approx(reference.y @ reference.SI @ reference.y, abs=1e-9)
+
+
+def test_covariances_stay_positive_through_dropouts_outliers_and_long_steps():
+    rng = np.random.default_rng(2)
+    bank = ImmBank(MODES, SWAY, START, COVARIANCE)
+    phases = ((20.0, *motion) for motion in (STAND, STROLL, TURN))
+    for k, z in enumerate(observed(*phases, seed=3)):
+        bank.predict(10.0 if k % 500 == 499 else FRAME_S)  # longer than all modes last
+        if rng.random() < 0.5:
+            outlier = 1e6 if k % 100 > 97 else 0.0
+            bank.update(z + outlier * rng.normal(size=OBSERVED), 1e-6 * NOISE if k % 7 else NOISE)
+        assert bank.mu.min() > 0.0
+        assert bank.mu.sum() == pytest.approx(1.0, abs=1e-12)
+        _, P = bank.ahead(0.1)
+        scale = np.sqrt(np.diag(P))
+        # rounding is 1e-16 of P before an update that shrinks it up to 1e9 times
+        assert np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > -1e-7
+
+
+@pytest.mark.parametrize(
+    ("phases", "mode"),
+    [
+        ([(5.0, *TURN), (15.0, *STAND)], STANDING),
+        ([(5.0, *STAND), (15.0, *STROLL)], STRAIGHT),
+        ([(5.0, *STROLL), (15.0, *TURN)], TURNING),
+        ([(0.5, 1.0, turn) for _ in range(10) for turn in (3.0, -3.0)], MANOEUVRING),
+    ],
+)
+def test_the_likeliest_mode_is_how_the_person_moves(phases, mode):
+    bank, probabilities = ImmBank(MODES, SWAY, START, COVARIANCE), []
+    for z in observed(*phases):
+        bank.predict(FRAME_S)
+        bank.update(z, NOISE)
+        probabilities.append(bank.mu)
+    assert MODES[np.mean(probabilities[-125:], axis=0).argmax()] is mode  # over the last 5 s

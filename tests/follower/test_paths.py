@@ -8,42 +8,43 @@ from follower.rooms import BODY, CAMERA, NOTHING, planner_of, situation, still
 from mecazen.config.follower import PlannerConfig, PolarControl
 from mecazen.drive import Drive, Limits, MotionLimits
 from mecazen.geometry import Standoff, Twist2D
-from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs, SensorView
-from mecazen_follower.planner.mppi import STEPS, Course, goals_of, roll, towards
+from mecazen_follower.control import ALL_AROUND
+from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs
+from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of, roll, towards
 from mecazen_follower.planner.surroundings import CELL_M, DistanceField, Shadows
 
 STANDOFF = Standoff(1.2, math.pi, 0.0)
 CONFIG = PlannerConfig(clearance_m=0.12)
-ALL_AROUND = Costs(CONFIG, STANDOFF, BODY, SensorView())
+EVERYWHERE = Costs(CONFIG, STANDOFF, BODY, ALL_AROUND)
 
 
 def test_costs_follow_the_priorities():
     costs = Costs(CONFIG, STANDOFF, BODY, CAMERA)
     assert costs.weights == {"distance": 27.0, "visibility": 9.0, "bearing": 3.0, "heading": 1.0}
-    assert costs.of(still(-1.2, 0.0), situation()) == pytest.approx(0.0, abs=1e-9)
+    assert costs.evaluate(still(-1.2, 0.0), situation()) == pytest.approx(0.0, abs=1e-9)
     # 0.25 m too far: (0.25/0.5)² of 27
-    too_far = costs.of(still(-1.45, 0.0), situation())
+    too_far = costs.evaluate(still(-1.45, 0.0), situation())
     assert too_far == pytest.approx(27.0 * (0.25 / DISTANCE_M) ** 2)
     # beyond 0.5 m in proportion: 2·(1.5/0.5) - 1
-    assert costs.of(still(-2.7, 0.0), situation()) == pytest.approx(27.0 * 5.0)
+    assert costs.evaluate(still(-2.7, 0.0), situation()) == pytest.approx(27.0 * 5.0)
     # at the side, facing the person: 2(1 - cos 90°) of bearing and of heading
-    beside = costs.of(still(0.0, 1.2, -math.pi / 2), situation())
+    beside = costs.evaluate(still(0.0, 1.2, -math.pi / 2), situation())
     assert beside == pytest.approx(2.0 * (3.0 + 1.0))
     # turned away by 60°, out of view, heading 2(1 - cos 60°)
-    assert costs.of(still(-1.2, 0.0, math.pi / 3), situation()) == pytest.approx(9.0 + 1.0)
+    assert costs.evaluate(still(-1.2, 0.0, math.pi / 3), situation()) == pytest.approx(9.0 + 1.0)
     # hidden by a pillar half way; it is 0.6 m away, nothing near
     pillar = np.array([[-0.6, 0.0]])
-    assert costs.of(still(-1.2, 0.0), situation(pillar)) == pytest.approx(9.0)
+    assert costs.evaluate(still(-1.2, 0.0), situation(pillar)) == pytest.approx(9.0)
     commands = np.zeros((3, 3, 1))
     commands[1:, 0] = 2.0
     jumping = still(-1.2, 0.0)._replace(commands=commands)
-    assert costs.of(jumping, situation()) == pytest.approx(JERKY * 2.0**2)
+    assert costs.evaluate(jumping, situation()) == pytest.approx(JERKY * 2.0**2)
 
 
 def test_nearness_costs_and_contact_costs_most():
     beside = BODY.width / 2 + math.hypot(BODY.length, BODY.width) / 2  # a quarter's disc
     near, touching = (
-        ALL_AROUND.of(
+        EVERYWHERE.evaluate(
             still(-1.2, 0.0), situation(np.array([[-1.2 - BODY.length / 2, beside + gap]]))
         )[0]
         for gap in (0.06, -0.06)
@@ -72,7 +73,7 @@ def test_the_field_and_shadows_of_points():
 def blocked(points=NOTHING, walkers=None, evades=False):
     """Return what blocks a robot at the origin, whose person is 1.2 m ahead."""
     around = situation(points, person=(1.2, 0.0, 0.0), walkers=walkers)
-    return ALL_AROUND.blocked(still(0.0, 0.0), around, 0.25, evades=evades)
+    return EVERYWHERE.blocked(still(0.0, 0.0), around, 0.25, evades=evades)
 
 
 def test_points_walkers_and_shadows_block_a_path():
@@ -87,7 +88,7 @@ def test_points_walkers_and_shadows_block_a_path():
 
 
 def plan(person, path=None, last="open", points=NOTHING):
-    return ALL_AROUND.plan(path or still(0.0, 0.0), situation(points, person), "a wall", last)
+    return EVERYWHERE.plan(path or still(0.0, 0.0), situation(points, person), "a wall", last)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +127,7 @@ LIMITS = MotionLimits(
 
 def commanded(place, velocity=(0.0, 0.0, 0.0), orbit=0.0):
     """Return what is commanded at a place; the goal is 1 m behind a person at the origin."""
-    goals = Course(*(np.array(row)[None, :, None] for row in (BEHIND, velocity)))
+    goals = Prediction(*(np.array(row)[None, :, None] for row in (BEHIND, velocity)))
     command = towards(np.zeros((1, 3)), goals, np.array([orbit]), LAW)
     return command(0, *np.array(place)[:, None])[:, 0]
 
@@ -135,7 +136,7 @@ def commanded(place, velocity=(0.0, 0.0, 0.0), orbit=0.0):
     ("place", "command"),
     [
         (BEHIND, (0.0, 0.0, 0.0)),
-        ((-1.1, 0.0, 0.0), (0.3, 0.0, 0.0)),
+        ((-1.1, 0.0, 0.0), (0.5, 0.0, 0.0)),
         ((-5.0, 0.0, 0.0), (4.0, 0.0, 0.0)),  # v² = 2 * 2 m/s² * 4 m
         ((0.0, -1.0, 0.0), (-math.sqrt(2.0 * math.pi), 0.0, 0.0)),  # a quarter of a circle
         ((-1.0, 0.0, -0.1), (0.0, 0.0, 0.4)),
@@ -175,7 +176,7 @@ def test_the_trail_leads_round_corners():
     # positions relative to the robot; the person comes from there at 0.4 m/s, upwards
     trail = np.array([(0.1 * k - 0.5, 0.0) for k in range(21)] + [(1.5, 0.1 * k) for k in (1, 5)])
     poses = np.tile((1.5, 0.7, math.pi / 2), (4, 1))
-    person = Course(poses, np.tile((0.0, 0.4, 0.0), (4, 1)))
+    person = Prediction(poses, np.tile((0.0, 0.4, 0.0), (4, 1)))
     goals, _ = goals_of(STANDOFF, person, trail)
     # 1.2 m before the person on the path is (1, 0); the last goal is to stay
     assert goals.poses[0, :2, -2] == pytest.approx((1.0, 0.0))

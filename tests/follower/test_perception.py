@@ -48,44 +48,35 @@ def skeleton(pose: Pose2D, hidden=(), std: float = 0.01) -> Skeleton:
     return Skeleton(id="7", joints=tuple(joints), std=(std,) * len(JOINTS), confidence=confidence)
 
 
-@pytest.mark.parametrize("yaw_deg", [0.0, 90.0, 179.0, -135.0])
-def test_a_body_without_noise_stands_where_it_stands_and_faces_where_it_faces(yaw_deg):
-    pose = Pose2D(1.5, -0.4, math.radians(yaw_deg))
-    found, _ = pose_of(skeleton(pose))
-    assert found.distance(pose) == pytest.approx(0.0, abs=1e-12)
-    assert wrap(found.yaw - pose.yaw) == pytest.approx(0.0, abs=1e-12)
+def test_a_body_without_noise_is_where_it_stands_and_faces():
+    for yaw_deg, std in ((0.0, 0.01), (179.0, 0.01), (-135.0, 0.0)):
+        pose = Pose2D(1.5, -0.4, math.radians(yaw_deg))
+        estimate, covariance = pose_of(skeleton(pose, std=std))
+        assert estimate.distance(pose) == pytest.approx(0.0, abs=1e-9)
+        assert wrap(estimate.yaw - pose.yaw) == pytest.approx(0.0, abs=1e-12)
+        assert covariance[0][0] > 0.0  # a tracker has a resolution
 
 
-def test_a_hidden_shoulder_leaves_the_hips_and_more_doubt():
-    pose = Pose2D(1.0, 0.0, 0.3)
-    (_, seen), (found, hidden) = pose_of(skeleton(pose)), pose_of(skeleton(pose, ["left_shoulder"]))
-    assert found.yaw == pytest.approx(0.3)
-    assert hidden[2][2] > 2.0 * seen[2][2]
-    assert hidden[0][0] == seen[0][0]
-
-
-def test_of_a_body_from_aside_the_place_is_known_and_the_heading_is_not():
-    far = [f"{side}_{joint}" for side in ("left",) for joint in ("hip", "shoulder")]
-    (x, y, _), covariance = pose_of(skeleton(Pose2D(1.0, 2.0, 0.3), far))
+def test_hidden_joints_leave_less_certainty():
+    pose = Pose2D(1.0, 2.0, 0.3)
+    _, seen = pose_of(skeleton(pose))
+    estimate, one_line = pose_of(skeleton(pose, ["left_shoulder"]))
+    assert estimate.yaw == pytest.approx(0.3)
+    assert one_line[2][2] > 2.0 * seen[2][2]
+    assert one_line[0][0] == seen[0][0]
+    # from aside the place is known and the heading is not
+    (x, y, _), covariance = pose_of(skeleton(pose, ["left_hip", "left_shoulder"]))
     assert (x, y) == pytest.approx((1.0, 2.0))
     assert covariance[2][2] == NO_HEADING
+    # behind one another, hips and shoulders have no direction
+    assert pose_of(skeleton(pose, std=1.0))[1][2][2] == NO_HEADING
+    assert pose_of(skeleton(pose, ["pelvis", "spine", "neck"])) is None
 
 
-def test_a_body_whose_trunk_is_out_of_view_is_nowhere():
-    assert pose_of(skeleton(Pose2D(), ["pelvis", "spine", "neck"])) is None
-
-
-def test_a_tracker_that_claims_to_have_no_error_is_taken_at_its_resolution():
-    pose = Pose2D(1.0, 0.0, 0.3)
-    found, covariance = pose_of(skeleton(pose, std=0.0))
-    assert found.distance(pose) < 1e-9
-    assert covariance[0][0] > 0.0
-
-
-def test_noise_of_the_joints_is_no_more_than_the_covariance_says():
+def test_errors_of_noisy_joints_are_within_their_covariance():
     random, pose, std = np.random.default_rng(1), Pose2D(1.0, 0.0, 0.5), 0.02
     errors = []
-    for _ in range(500):
+    for _ in range(200):
         body = skeleton(pose, std=std)
         noise = std * random.standard_normal((len(JOINTS), 3))
         moved = tuple(
@@ -108,8 +99,8 @@ def scan_of(circles, walls=(), std=0.0):
     return scan(Pose2D(), circles, walls, beams=720, std=std)
 
 
-@pytest.mark.parametrize("bearing_deg", [0.0, 90.0, 180.0, -120.0])
-def test_two_legs_are_one_person_between_them_also_across_the_end_of_a_scan(bearing_deg):
+@pytest.mark.parametrize("bearing_deg", [0.0, 180.0])
+def test_two_legs_are_one_person_between_them(bearing_deg):
     place = Pose2D(yaw=math.radians(bearing_deg)).compose(Pose2D(1.5, 0.0))
     legs = [(place.x + 0.15, place.y + 0.1, 0.05), (place.x - 0.15, place.y - 0.1, 0.05)]
     ((pose, covariance),) = persons(clusters_of(scan_of(legs, std=0.01)))
@@ -136,7 +127,7 @@ def test_one_leg_behind_the_other_is_a_person_with_more_doubt():
     ],
     ids=["a wall", "a column of 1 m", "a round room", "nothing", "no beams"],
 )
-def test_what_is_no_leg_is_nobody(scan):
+def test_other_things_than_legs_are_no_person(scan):
     assert persons(clusters_of(scan)) == []
 
 

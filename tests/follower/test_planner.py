@@ -120,7 +120,8 @@ def test_a_pillar_is_passed_and_the_side_regained():
 
 
 def test_in_a_corridor_the_robot_follows_behind():
-    path = list(follow(14.0, wall(3.0, 6.0, 0.85) + wall(3.0, 6.0, -0.85), **SIDE))
+    front = [(3.0, side * y, 0.03) for side in (-1.0, 1.0) for y in np.arange(0.85, 2.5, 0.05)]
+    path = list(follow(14.0, wall(3.0, 6.0, 0.85) + wall(3.0, 6.0, -0.85) + front, **SIDE))
     angles = bearings(path)
     within = [angles[k] for k, (robot, *_) in enumerate(path) if 3.5 < robot.x < 5.5]
     assert within

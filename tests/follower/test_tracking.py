@@ -240,16 +240,6 @@ def test_one_late_frame_delays_the_estimate_for_a_while():
     assert coasted(0.4) == pytest.approx(coasted(0.0), rel=1e-3)
 
 
-def test_at_5_hz_nothing_is_missed_between_frames():
-    tracker, states = PersonTracker(FollowerConfig(), SensorConfig(rate_hz=5.0)), set()
-    for tick in range(100):
-        time = tick * 0.01
-        frame = Frame(time, [Measurement(Pose2D(), NOISE)]) if tick % 20 == 0 else None
-        tracker.step(time, frame, Pose2D())
-        states.add(str(tracker.state))
-    assert states == {"following"}
-
-
 def test_the_covariance_includes_the_bias_of_a_camera():
     def covariance(kind):
         tracker = PersonTracker(FollowerConfig(), SensorConfig(kind=kind))

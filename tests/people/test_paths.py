@@ -14,13 +14,14 @@ from mecazen.config.people import (
     Standing,
     Straight,
     UTrack,
+    Wander,
     Waypoints,
 )
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen_people.curves import Lemniscate, SmoothCurve
 from mecazen_people.motion import DrivenWalk, PersonMotion, with_gait
-from mecazen_people.paths import ScriptedWalk, make_path
+from mecazen_people.paths import TwistWalk, make_path, scripted
 from people.walks import differences
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
@@ -40,6 +41,7 @@ PATHS = {
         ),
         start_after_s=0.5,
     ),
+    "wander": Wander(number=3, start_after_s=0.5),
 }
 
 
@@ -186,7 +188,7 @@ def test_driven_person_walks_an_exact_arc():
 
 
 def test_a_hard_stop_covers_v_squared_over_2a():
-    walk = ScriptedWalk([(3.0, Twist2D(1.8, 0.0, 0.0))], 6.0, 12.0)
+    walk = TwistWalk(scripted([(3.0, Twist2D(1.8, 0.0, 0.0))], 6.0, 12.0))
     speeding_up, at_speed = walk.at(0.3).pose.x, walk.at(3.0).pose.x
     # a ramp ends within a cell of when it should
     assert speeding_up == pytest.approx(1.8**2 / 12.0, abs=1.8 * CELL_S)
@@ -196,15 +198,12 @@ def test_a_hard_stop_covers_v_squared_over_2a():
 
 
 def test_a_person_steps_back_aside_and_turns_on_the_spot():
-    walk = ScriptedWalk(
-        [
-            (2.0, Twist2D(-0.5, 0.0, 0.0)),
-            (2.0, Twist2D(0.0, 0.4, 0.0)),
-            (2.0, Twist2D(0.0, 0.0, math.pi / 2)),
-        ],
-        1e9,
-        1e9,
-    )
+    steps = [
+        (2.0, Twist2D(-0.5, 0.0, 0.0)),
+        (2.0, Twist2D(0.0, 0.4, 0.0)),
+        (2.0, Twist2D(0.0, 0.0, math.pi / 2)),
+    ]
+    walk = TwistWalk(scripted(steps, 1e9, 1e9))
     x, y, yaw = walk.at(6.1).pose
     # of each change of the velocity half a cell has the mean of both
     assert (x, y) == pytest.approx((-1.0, 0.8), abs=0.5 * CELL_S)

@@ -175,8 +175,8 @@ def test_recorded_person_moves_as_people_do(file):
         if speed < STANDING_M_S / 2:  # well away from where walking begins within a knot
             assert motion.twist.yaw == 0.0
         sideways += abs(motion.twist.y) * 0.01
-    # Only while they turn to set off; the most is who paces to and fro between pauses.
-    assert sideways < 0.08 * track.at(track.duration).distance
+    # While they turn to set off, and where they shuffle below 0.2 m/s, in which the heading is held.
+    assert sideways < 0.1 * track.at(track.duration).distance
 
 
 @pytest.mark.parametrize("file", pedestrians())

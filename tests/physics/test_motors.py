@@ -15,7 +15,7 @@ from mecazen.robot import RealMotors
 from mecazen.rollers import Roller
 from mecazen.wheels import WheelCommand
 from mecazen_bench.engine import lateral_gain
-from mecazen_physics.motors import MotorModel, friction
+from mecazen_physics.motors import MotorModel
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.world import GRAVITY
 from physics_rig import Rig, masses, wheel_speeds
@@ -179,13 +179,6 @@ def test_the_dead_band_gain_and_supply_scale_what_is_left():
     assert outputs(motors, 1, (-2.5,) * 4, supplied=0.9) == pytest.approx([-1.98])
 
 
-def test_friction_opposes_motion_and_vanishes_at_rest():
-    motors = RealMotors(coulomb_nm=0.1, viscous_nms=0.01)
-    assert friction(motors, 0.0) == 0.0
-    assert friction(motors, 5.0) == pytest.approx(0.15)
-    assert friction(motors, -5.0) == pytest.approx(-0.15)
-
-
 # ---- in the simulation
 
 
@@ -206,24 +199,39 @@ def test_wheels_of_a_simulated_robot_follow_late_and_slowly():
     assert speeds == pytest.approx(expected, abs=1e-6)  # DART's servo holds them
 
 
-def test_the_motors_effort_includes_friction():
-    plain, rough = (
-        drive(motors, WheelCommand(FAST))[-1].joint_effort
-        for motors in (RealMotors(), RealMotors(coulomb_nm=0.05, viscous_nms=0.002))
-    )
-    more = [r - p for r, p in zip(rough[:4], plain[:4], strict=True)]
-    # 0.05 + 10·0.002; the load of the rollers is the same to 1 mN·m
-    assert more == pytest.approx([0.07] * 4, abs=1e-3)
+@pytest.mark.parametrize(("is_effort", "value"), [(False, 20.0), (True, 100.0)])
+def test_a_motors_torque_within_its_limit_less_friction_turns_the_wheel(nexus, is_effort, value):
+    motors = RealMotors(coulomb_nm=0.05, viscous_nms=0.01)
+    rig = Rig(msgspec.structs.replace(nexus, motors=motors), ground_friction=0.0)
+    inertia = masses(nexus)[1] * nexus.wheels.radius_m**2 / 4
+    speed, limit = 0.0, nexus.wheels.max_torque_nm
+    for sign in (1, 1, 1, -1, -1, -1, -1, -1):
+        rig.world.advance([WheelCommand([sign * value] * 4, is_effort)], 1)
+        state = rig.state()
+        effort, before, speed = state.joint_effort[0], speed, state.joint_velocity[0]
+        friction = math.copysign(0.05, before) + 0.01 * before if before else 0.0
+        assert abs(effort) <= limit * (1 + 1e-9)  # solver's rounding
+        # 0.01 N·m: rollers that the wheel pushes off the ground
+        assert effort - friction == pytest.approx(inertia * (speed - before) / 1e-3, abs=0.01)
 
 
-def test_friction_brakes_wheels_that_a_torque_drives():
-    free, braked = (
-        drive(motors, WheelCommand((0.1,) * 4, is_effort=True), 0.3)[-1].joint_velocity[0]
-        for motors in (RealMotors(), RealMotors(coulomb_nm=0.05))
-    )
-    assert braked == pytest.approx(
-        free / 2.0, rel=0.05
-    )  # half the torque is left, and rollers lose less
+def test_the_pid_restarts_after_commands_of_torque(nexus):
+    rig = Rig(nexus, slope_deg=10.0, drive="effort")
+    hold = rig.drive([0.0] * 4, 1.0)[-1].joint_effort[:4]
+    assert min(hold) > 0.2
+    rig.advance_effort(hold, 100)
+    # the torque of the integral part that holds the robot is forgotten
+    assert max(map(abs, rig.advance([0.0] * 4, 1).joint_effort[:4])) < 0.1
+
+
+def test_real_motors_begin_at_the_wheels_speed_after_commands_of_torque(nexus):
+    rig = Rig(msgspec.structs.replace(nexus, motors=RealMotors(time_constant_s=0.2)))
+    for _ in range(50):
+        rig.advance([10.0] * 4)
+    braked = rig.advance_effort([-0.3] * 4, 300).joint_velocity[0]
+    assert braked < 6.0
+    after = rig.advance([0.0] * 4, 10).joint_velocity[0]
+    assert after == pytest.approx(braked * math.exp(-0.01 / 0.2), abs=0.05)
 
 
 def test_a_pid_follows_the_motors_lag():

@@ -3,7 +3,6 @@
 import pytest
 from harness import SCENARIOS, Steps
 from mecazen import keys
-from mecazen.config.sensors import DepthConfig, LidarConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, parse_settings
@@ -161,15 +160,3 @@ def test_a_person_who_was_away_has_a_new_identity():
 def test_captures_must_be_at_updates_of_bodies(kind, settings, message):
     with pytest.raises(ConfigError, match=message):
         Sensor(kind, "sensors.skeleton_rate_hz=50", *settings)
-
-
-@pytest.mark.parametrize(
-    ("config", "settings", "message"),
-    [
-        (LidarConfig, {"min_range_m": 2.0, "max_range_m": 1.0}, "must be below max_range_m = 1.0"),
-        (DepthConfig, {"edge_probability": 0.6}, "at most 0"),
-    ],
-)
-def test_wrong_settings_are_refused(config, settings, message):
-    with pytest.raises(ValueError, match=message):
-        config(**settings)

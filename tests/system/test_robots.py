@@ -1,6 +1,5 @@
 """Several robots in one world, each for itself."""
 
-import json
 import re
 from contextlib import closing
 
@@ -24,14 +23,6 @@ def test_a_robot_far_from_others_moves_as_it_would_alone():
     wide = len(together.columns) // 2 + 1
     alone = simulate(scenario.of("one"), "one")[1]
     assert [row[:wide] for row in together.rows()] == alone.rows()
-
-
-def test_the_command_line_scores_each_robot():
-    done = mecazen("simulate", CONVOY, "--duration", "3", "--json")
-    scores = json.loads(done.stdout)["robots"]
-    assert scores.keys() == {"one", "two"}
-    mean = sum(of["d_err_m"] for of in scores.values()) / 2
-    assert json.loads(done.stdout)["d_err_m"] == pytest.approx(mean, rel=1e-12)
 
 
 def of_each(running, topic) -> dict[str, Newest]:

@@ -1,4 +1,4 @@
-"""Every setting is read by code, and another value of those of robot and sensors shows in a run."""
+"""Every setting is read by code; other values of sensors and follower show in a run."""
 
 from __future__ import annotations
 
@@ -99,7 +99,6 @@ ROOM = {"points_m": [[-3.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-3.0, 2.0], [-3.0, 
 LIDAR = {"sensor.also": ["lidar"], "sensors.lidar.beams": 90, "guard.enabled": False}
 SEEN = {"target.path": {"kind": "straight", "yaw_deg": 60.0, "speed_m_s": 1.0}, "start.x_m": -2.0}
 CONTEXTS: dict[str, dict[str, Any]] = {
-    "robot": {"sensor.also": ["tracker"]},
     "sensor": {
         "sensor.faults": {"outlier_probability": 0.5, "other_m": 1.0, "stand_ins_s": [[0.0, 0.1]]},
     },

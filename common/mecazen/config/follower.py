@@ -63,7 +63,7 @@ class CtrvParams(TurnRateParams):
 class ImmParams(TurnRateParams):
     """Parameters of `imm`."""
 
-    sway_m_sqrt_m: Positive = 0.012
+    sway_m_sqrt_m: Positive = 0.014
 
 
 PARAMS: dict[str, type[Params]] = {
@@ -147,9 +147,9 @@ class PidControl(Section, tag_field="kind", tag="pid"):
 class PolarControl(Section, tag_field="kind", tag="polar"):
     """Decoupled control of distance, bearing and heading, with feed-forward of the person."""
 
-    linear_gain_1_s: Live[Positive] = 3.0
+    linear_gain_1_s: Live[Positive] = 5.0
     """Proportional gain of distance and bearing; the error decays with the time constant 1/gain."""
-    heading_gain_1_s: Live[Positive] = 3.5
+    heading_gain_1_s: Live[Positive] = 5.0
     max_speed_m_s: Live[Positive] = 2.0
     """Magnitude of the planar velocity of base_link."""
     max_yaw_rate_rad_s: Live[Positive] = 3.0

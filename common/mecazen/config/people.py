@@ -115,6 +115,15 @@ class Script(_Walk, tag="script", kw_only=True):
     """Largest acceleration; by default from 1.8 m/s to rest in 0.3 s, within one footstep."""
 
 
+class Wander(_Walk, tag="wander"):
+    """A random walker: see `mecazen_people.wander`."""
+
+    number: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
+    """Number of the walker; each has another way and another greatest speed."""
+    duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] = 60.0
+    """Time after which the person stands."""
+
+
 class Driven(_Path, tag="driven"):
     """The person moves with the twists on `target/cmd_vel`."""
 
@@ -138,7 +147,9 @@ class Goal(SteadyWalk, tag="goal", kw_only=True):
     """Whether the walker goes back and forth between start and goal, or else stops at the goal."""
 
 
-Walk = UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded | Script
+Walk = (
+    UTrack | Straight | Circle | FigureOfEight | Waypoints | Standing | Recorded | Script | Wander
+)
 """A path known in advance, unlike `Driven` and `Goal`."""
 
 

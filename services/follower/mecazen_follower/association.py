@@ -14,7 +14,7 @@ from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
 from mecazen.limits import FARTHEST_M
 from mecazen.messages import PlanarCovariance
-from mecazen.walkers import Walker
+from mecazen.walkers import WalkerTrack
 
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.estimators.base import MIN_NOISE
@@ -64,6 +64,10 @@ class Measurement(NamedTuple):
     identity: str = ""
     """The sensor's id of the person; empty if there is none."""
 
+    def has_id(self, identity: str) -> bool:
+        """Return whether the sensor gave this id; no id is equal to an empty one."""
+        return identity != "" and self.identity == identity
+
 
 def has_heading(measurement: Measurement) -> bool:
     """Return whether the sensor observed the heading."""
@@ -108,7 +112,7 @@ class OtherTrack:
     """The track of another person or thing: a walker, or something that stands."""
 
     def __init__(self, time: float, seen: Measurement) -> None:
-        self._walker = Walker.begin(time, seen.pose[:2], spread(seen.covariance))
+        self._walker = WalkerTrack.begin(time, seen.pose[:2], spread(seen.covariance))
         self._identity = seen.identity
         self._place = time, seen.pose[:2]
         """Time since which the track is near a place, and that place."""
@@ -141,7 +145,8 @@ class OtherTrack:
         distance = (dx * dx + dy * dy) / variance
         if distance >= GATE:
             return math.inf
-        return distance + 2.0 * math.log(variance) - hint(self._identity, seen)
+        bonus = SAME_ID if seen.has_id(self._identity) else 0.0
+        return distance + 2.0 * math.log(variance) - bonus
 
     def update(self, seen: Measurement) -> None:
         """Correct with a measurement."""
@@ -181,8 +186,10 @@ class Association:
         self._identity = ""
         self._last = Pose2D()
         self._hits = 0
-        self._contradicted = Contradiction()
-        self._flipped = Contradiction()
+        self._contradicted: list[float] = []
+        """Times of the last frames in a row that show the person elsewhere [s]."""
+        self._flipped: list[float] = []
+        """Times of the last frames in a row that show the person backwards [s]."""
 
     def choose(
         self,
@@ -233,21 +240,18 @@ class Association:
         if mine is not None:
             self._add(time, far)
             if begins:
-                self._contradicted = Contradiction()
+                self._contradicted.clear()
             return self._accept(time, person, mine)
         if not free:
             return None  # all are known to be other people
-        named = [
-            detection
-            for detection in free
-            if detection.identity and detection.identity == self._identity
-        ]
+        named = [detection for detection in free if detection.has_id(self._identity)]
         candidate = nearest(named or free, person.pose)
-        if begins:
-            self._contradicted = self._contradicted.again(time)
         near = bool(named) or from_line(candidate.pose, last, person.pose) < APART_M
-        if begins and (lost or self._hits < CONFIRMED or (near and self._contradicted.lasts(time))):
-            return self._restart(candidate)
+        if begins:
+            self._contradicted.append(time)
+            stays = near and lasts(self._contradicted, time)
+            if lost or self._hits < CONFIRMED or stays:
+                return self._restart(candidate)
         self._add(time, far)
         return None
 
@@ -266,13 +270,11 @@ class Association:
         standing tracks first: a thing in front of a hidden person is not that person.
         """
         tracks: list[OtherTrack | None] = [None, *self._others]
-        named = any(
-            detection.identity and detection.identity == self._identity for detection in seen
-        )
+        named = any(detection.has_id(self._identity) for detection in seen)
         pairs = []
         for i, detection in enumerate(seen):
             for j, track in enumerate(tracks):
-                if track is None and named and detection.identity != self._identity:
+                if track is None and named and not detection.has_id(self._identity):
                     continue  # a sensor does not see a person twice
                 cost = (
                     self._cost(person, detection, gate) if track is None else track.cost(detection)
@@ -302,7 +304,8 @@ class Association:
         distance = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant
         if distance >= gate:
             return math.inf
-        return distance + math.log(determinant) - hint(self._identity, seen)
+        bonus = SAME_ID if seen.has_id(self._identity) else 0.0
+        return distance + math.log(determinant) - bonus
 
     def _accept(self, time: float, person: Estimate, seen: Measurement) -> tuple[Measurement, bool]:
         """Return a measurement in the gate, turned by 180° if it shows the person backwards."""
@@ -313,11 +316,11 @@ class Association:
             return seen, False  # it neither contradicts nor confirms the heading
         variance = person.covariance[2][2] + seen.covariance[2][2]
         if not is_flipped(wrap(seen.pose.yaw - person.pose.yaw), variance):
-            self._flipped = Contradiction()
+            self._flipped.clear()
             return seen, False
         if forward_speed(person) < WALKING_M_S:  # people walk forwards: else the sensor is wrong
-            self._flipped = self._flipped.again(time)
-        if self._flipped.lasts(time):
+            self._flipped.append(time)
+        if lasts(self._flipped, time):
             return self._restart(seen)
         turned = seen.pose._replace(yaw=wrap(seen.pose.yaw + math.pi))
         return seen._replace(pose=turned), False
@@ -332,24 +335,9 @@ class Association:
         return seen, True
 
 
-def hint(identity: str, seen: Measurement) -> float:
-    """Return the bonus of a measurement's identity, given the identity of a track."""
-    return SAME_ID if identity and seen.identity == identity else 0.0
-
-
-class Contradiction(NamedTuple):
-    """Frames in a row that contradict the person's track."""
-
-    since: float = 0.0
-    frames: int = 0
-
-    def again(self, time: float) -> Contradiction:
-        """Return the sequence with one more frame, captured at `time` [s]."""
-        return Contradiction(self.since if self.frames else time, self.frames + 1)
-
-    def lasts(self, time: float) -> bool:
-        """Return whether the sequence is too long to be chance at `time` [s]."""
-        return self.frames >= CONFIRMED and time - self.since >= DOUBT_S
+def lasts(frames: Sequence[float], time: float) -> bool:
+    """Return whether frames in a row, captured at these times [s], are no chance at `time` [s]."""
+    return len(frames) >= CONFIRMED and time - frames[0] >= DOUBT_S
 
 
 def forward_speed(person: Estimate) -> float:

@@ -33,10 +33,11 @@ def approach(error: float, gain: float, deceleration: float) -> float:
 
 
 class FieldOfView(NamedTuple):
-    """Where to keep the person: within `half` of the direction `centre` in base_link [rad]."""
+    """Directions within `half` of the direction `centre` in base_link [rad], up to a range [m]."""
 
     half: float = math.inf
     centre: float = 0.0
+    max_range: float = math.inf
 
 
 ALL_AROUND = FieldOfView()
@@ -93,11 +94,13 @@ class PolarController:
         bearing = math.atan2(offset[1], offset[0]) if distance > 0.0 else wanted
         direction = bearing - robot.yaw  # in base_link
 
+        linear = law.linear_gain_1_s, LINEAR_BRAKING_M_S2
         away, around = rotate(*with_person, -bearing)
+        away += approach(self._standoff.distance - distance, *linear)
         # direction of the person, relative to the goal's heading
         centre = self._view.centre
         off = wrap(bearing + math.pi - goal.yaw - centre) + centre
-        facing = self._facing(rotate(*with_person, -goal.yaw), off)
+        facing = self._facing(rotate(*with_person, -goal.yaw), away, off)
         if abs(off - facing - centre) >= self._view.half and distance > 0.0:
             # at the edge of the view, the heading follows the person
             turn_to_person = rotate(self._last.x, self._last.y, -direction)[1] - around
@@ -107,8 +110,6 @@ class PolarController:
         error = wrap(goal.yaw + facing - robot.yaw)
         yaw = feed_forward + approach(error, law.heading_gain_1_s, HEADING_BRAKING_RAD_S2)
 
-        linear = law.linear_gain_1_s, LINEAR_BRAKING_M_S2
-        away += approach(self._standoff.distance - distance, *linear)
         around += distance * turn + approach(distance * wrap(wanted - bearing), *linear)
         yaw = min(max(yaw, -law.max_yaw_rate_rad_s), law.max_yaw_rate_rad_s)
         self._last = allocate(
@@ -122,7 +123,7 @@ class PolarController:
         )
         return self._last
 
-    def _facing(self, velocity: tuple[float, float], off: float) -> float:
+    def _facing(self, velocity: tuple[float, float], away: float, off: float) -> float:
         """Return how far to turn from the heading of the goal towards the person [rad].
 
         If the robot faces the person, it reaches its full speed along the line to the person, and
@@ -131,10 +132,13 @@ class PolarController:
         robot also turns until the person is in view. `off` is the person's direction from the
         goal's heading [rad].
         """
+        askew = abs(math.cos(off)) + self._drive.sideways * abs(math.sin(off))
         x, y = velocity
-        used = (abs(x) + self._drive.sideways * abs(y)) / self._drive.rim_speed
+        used = (
+            max(abs(x) + self._drive.sideways * abs(y), abs(away) * askew) / self._drive.rim_speed
+        )
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
-        half, centre = self._view
+        half, centre, _ = self._view
         return off - min(max(off - facing, centre - half), centre + half)
 
     def resume(self, twist: Twist2D) -> None:
@@ -254,36 +258,28 @@ def _largest_share(
     return max(share, 0.0)
 
 
-class PID:
-    """u = feed-forward + kp e + ki ∫e dt + kd de/dt, limited, with anti-windup.
+def pid(
+    gains: Gains, error: float, rate: float, integral: float, dt: float, feed_forward: float = 0.0
+) -> tuple[float, float]:
+    """Return u = feed-forward + kp e + ki ∫e dt + kd de/dt, limited, and the integral's term.
 
     Without feed-forward, equation 3 of "A Virtual Mecanum Wheeled Robot ROS Simulator ...", which
-    has no limit. The caller passes de/dt, so angles need no unwrapping here.
+    has no limit. Anti-windup by conditional integration: while the output is saturated, an error
+    that would push it further is not integrated.
 
-    Anti-windup by conditional integration: while the output is saturated, an error that would
-    push it further is not integrated.
+    Args:
+        gains: The gains, and the limit of the output.
+        error: The error e. Its derivative is an argument, so angles need no unwrapping here.
+        rate: de/dt.
+        integral: The integral's term so far, ki ∫e dt.
+        dt: Time since the last call [s].
+        feed_forward: A term with the unit of the output, that counts towards its limit.
     """
-
-    def __init__(self, gains: Gains) -> None:
-        self.gains = gains
-        self._integral = 0.0
-
-    def update(self, error: float, rate: float, dt: float, feed_forward: float = 0.0) -> float:
-        """Return the output for an error, `dt` [s] after the last one.
-
-        `rate` is the derivative of the error; `feed_forward` has the unit of the output and counts
-        towards its limit.
-        """
-        gains = self.gains
-        integral = self._integral + gains.ki * error * dt
-        output = feed_forward + gains.kp * error + integral + gains.kd * rate
-        if abs(output) <= gains.limit or output * error < 0.0:
-            self._integral = integral
-        return min(max(output, -gains.limit), gains.limit)
-
-    def reset(self) -> None:
-        """Set the integral to zero."""
-        self._integral = 0.0
+    added = integral + gains.ki * error * dt
+    output = feed_forward + gains.kp * error + added + gains.kd * rate
+    if abs(output) <= gains.limit or output * error < 0.0:
+        integral = added
+    return min(max(output, -gains.limit), gains.limit), integral
 
 
 class PoseController:
@@ -298,15 +294,14 @@ class PoseController:
     """
 
     def __init__(self, law: PidControl) -> None:
-        self._x, self._y, self._yaw = PID(law.x), PID(law.y), PID(law.yaw)
-        self._feed_forward = law.feed_forward
+        self.configure(law)
+        self._integrals = [0.0, 0.0, 0.0]
         self._last: Pose2D | None = None
         """The last error."""
 
     def configure(self, law: PidControl) -> None:
         """Continue with other gains."""
-        self._x.gains, self._y.gains, self._yaw.gains = law.x, law.y, law.yaw
-        self._feed_forward = law.feed_forward
+        self._law = law
 
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
         """Return the twist in base_link that drives the robot to the goal.
@@ -314,19 +309,23 @@ class PoseController:
         `goal`, `goal_velocity` and `robot` are in odom; `dt` [s] is the time since the last
         call.
         """
-        error = robot.between(goal)
+        law, error = self._law, robot.between(goal)
         expected = Twist2D()
-        if self._feed_forward:
+        if law.feed_forward:
             x, y = rotate(goal_velocity.x, goal_velocity.y, -robot.yaw)
             expected = Twist2D(x, y, goal_velocity.yaw)
         # at the first call the derivative is unknown
         last = error if self._last is None else self._last
         self._last = error
-        return Twist2D(
-            self._x.update(error.x, (error.x - last.x) / dt, dt, expected.x),
-            self._y.update(error.y, (error.y - last.y) / dt, dt, expected.y),
-            self._yaw.update(error.yaw, wrap(error.yaw - last.yaw) / dt, dt, expected.yaw),
-        )
+        changes = error.x - last.x, error.y - last.y, wrap(error.yaw - last.yaw)
+        outputs = []
+        for axis, gains in enumerate((law.x, law.y, law.yaw)):
+            rate = changes[axis] / dt
+            output, self._integrals[axis] = pid(
+                gains, error[axis], rate, self._integrals[axis], dt, expected[axis]
+            )
+            outputs.append(output)
+        return Twist2D(*outputs)
 
     def resume(self, twist: Twist2D) -> None:
         """Reset the controller: its integrals do not match the twist that was commanded instead."""
@@ -335,7 +334,6 @@ class PoseController:
 
     def stop(self) -> Twist2D:
         """Reset the controller and return the zero twist."""
-        for pid in (self._x, self._y, self._yaw):
-            pid.reset()
+        self._integrals = [0.0, 0.0, 0.0]
         self._last = None
         return Twist2D()

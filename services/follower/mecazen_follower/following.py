@@ -9,7 +9,7 @@ from typing import NamedTuple
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.config.follower import PidControl
 from mecazen.drive import Drive
-from mecazen.geometry import Pose2D, StandoffErrors, Twist2D, rotate
+from mecazen.geometry import Pose2D, StandoffErrors, Twist2D, rotate, wrap
 
 from mecazen_follower.control import (
     ALL_AROUND,
@@ -21,6 +21,10 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import Plan
 from mecazen_follower.planner.mppi import Planner
 from mecazen_follower.tracker import Frame, PersonTracker, TrackingState
+
+HARDLY_WALKS_M_S, UNKNOWN_RAD = 0.2, math.radians(25.0)
+"""Speed and standard deviation of the heading: slower than the first, with the heading less certain
+than the second, a person has no direction that the robot could go round them for. It waits."""
 
 SEARCH = 1.0
 """Yaw rate at which a robot without an all-around view searches for a lost person [rad/s]."""
@@ -106,7 +110,7 @@ class Following:
         """Return the zero twist, or a turn to the side on which the person left the view."""
         twist = self._controller.stop()
         if self.planner is not None:
-            self.planner.rest()
+            self.planner.clear_plan()
         if self._view == ALL_AROUND:
             return twist
         return twist._replace(yaw=math.copysign(SEARCH, self._side))
@@ -119,6 +123,8 @@ class Following:
         person = person.after(self._response)
         for command, duration in self._pending:
             robot = robot.integrate(command, duration)
+        if isinstance(self._controller, PolarController):  # the published law has no such rule
+            person = self._heading_held(person, robot)
         goal = self._standoff.goal(person.pose)
         velocity = self._standoff.goal_velocity(person.pose, person.velocity)
         command = self._controller.command(goal, velocity, robot, dt)
@@ -128,6 +134,19 @@ class Following:
         if planned is not command:
             self._controller.resume(planned)
         return planned
+
+    def _heading_held(self, person: Estimate, robot: Pose2D) -> Estimate:
+        """Return the person, if their heading is unknown with that for which the robot stands right.
+
+        The robot then keeps its distance, and does not go round a person who hardly walks.
+        """
+        speed = math.hypot(person.velocity.x, person.velocity.y)
+        if speed >= HARDLY_WALKS_M_S or math.sqrt(person.covariance[2][2]) <= UNKNOWN_RAD:
+            return person
+        x, y, _ = person.pose
+        yaw = wrap(math.atan2(robot.y - y, robot.x - x) - self._standoff.bearing)
+        velocity = person.velocity._replace(yaw=0.0)
+        return person._replace(pose=Pose2D(x, y, yaw), velocity=velocity)
 
     def _send(self, command: Twist2D, dt: float) -> Twist2D:
         """Record `command` as pending for `dt` [s], and return it."""

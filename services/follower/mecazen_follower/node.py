@@ -22,7 +22,7 @@ from mecazen_follower.association import Measurement, check
 from mecazen_follower.control import FieldOfView, kept_view
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
-from mecazen_follower.planner.costs import Extents, SensorView
+from mecazen_follower.planner.costs import Extents
 from mecazen_follower.planner.mppi import Planner
 from mecazen_follower.tracker import Frame
 
@@ -203,19 +203,24 @@ class FollowerNode(Node):
 
 
 def data_sheet(scenario: Scenario) -> SensorConfig:
-    """Return rate, latency and field of view of the sensor by which the person is found."""
-    sensor, of = scenario.sensor, scenario.sensors
+    """Return rate, latency, field of view and range of the sensor by which the person is found."""
+    sensor, lidar, camera = scenario.sensor, scenario.sensors.lidar, scenario.sensors.tracker
     if sensor.kind == "pose":
         return sensor
     if sensor.kind == "legs":
-        fov_deg = of.lidar.fov_deg
-        return replace(sensor, rate_hz=of.lidar.rate_hz, latency_s=0.0, fov_deg=fov_deg)
-    camera = of.tracker
+        return replace(
+            sensor,
+            rate_hz=lidar.rate_hz,
+            latency_s=0.0,
+            fov_deg=lidar.fov_deg,
+            max_range_m=lidar.max_range_m,
+        )
     return replace(
         sensor,
         rate_hz=camera.rate_hz,
         latency_s=camera.latency_s,
         fov_deg=camera.horizontal_fov_deg,
+        max_range_m=camera.max_range_m,
     )
 
 
@@ -225,20 +230,11 @@ def make_planner(
     """Return a new planner for a scenario's robot and its sensor, if one is configured."""
     if scenario.follower.planner is None:
         return None
-    half_fov = math.radians(sensor.fov_deg) / 2
-    if sensor.kind == "pose":
-        view = SensorView(0.0, half_fov, sensor.max_range_m)
-    elif sensor.kind == "legs":
-        view = SensorView(0.0, half_fov, scenario.sensors.lidar.max_range_m)
-    else:
-        yaw = math.radians(scenario.robot.camera.yaw_deg)
-        view = SensorView(yaw, half_fov, scenario.sensors.tracker.max_range_m)
-    body = Extents(*scenario.robot.footprint, scenario.world.person.radius_m)
     return kind(
         scenario.follower,
         Drive.from_scenario(scenario),
-        body,
-        view,
+        Extents(*scenario.robot.footprint, scenario.world.person.radius_m),
+        _field_of(scenario, sensor),
         seed,
         has_real_lidar=scenario.has_real_lidar,
     )
@@ -246,14 +242,20 @@ def make_planner(
 
 def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:
     """Return the field of view in which the robot keeps the person, by turning."""
-    camera = "tracker" in sensor.features
-    centre = math.radians(scenario.robot.camera.yaw_deg) if camera else 0.0
-    view = kept_view(math.radians(sensor.fov_deg), centre)
+    field = _field_of(scenario, sensor)
+    view = kept_view(2.0 * field.half, field.centre)
     beside = abs(math.sin(config.standoff.bearing)) > BESIDE
     turns = config.planner is not None and config.planner.turns_to_see
     if sensor.kind == "fused" and beside and not turns:
         return view._replace(half=math.pi)
     return view
+
+
+def _field_of(scenario: Scenario, sensor: SensorConfig) -> FieldOfView:
+    """Return the field of view of the sensor by which the person is found."""
+    yaw_deg = scenario.robot.camera.yaw_deg if sensor.kind in ("body", "fused") else 0.0
+    half = math.radians(sensor.fov_deg) / 2.0
+    return FieldOfView(half, math.radians(yaw_deg), sensor.max_range_m)
 
 
 def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:

@@ -121,7 +121,7 @@ class BodyNode(Node):
         del tick
         frame = inputs[SKELETONS]
         seen = ((pose_of(body), body.id) for body in frame.skeletons)
-        found = [(*pose, identity) for pose, identity in seen if pose is not None]
+        persons = [(*pose, identity) for pose, identity in seen if pose is not None]
         return {
             OBSERVATION: m.Observation(
                 header=frame.header,
@@ -129,9 +129,9 @@ class BodyNode(Node):
                     m.PoseWithCovariance(
                         pose=m.Pose.planar(pose), covariance=ros_covariance(covariance)
                     )
-                    for pose, covariance, _ in found
+                    for pose, covariance, _ in persons
                 ),
-                ids=tuple(identity for _, _, identity in found),
+                ids=tuple(identity for _, _, identity in persons),
             )
         }
 
@@ -151,11 +151,11 @@ class LegsNode(Node):
         del tick
         scan = inputs[SCAN]
         ranges = ranges_of(scan, is_real=self.scenario.has_real_lidar)
-        found = [
+        poses = [
             m.PoseWithCovariance(
                 pose=m.Pose.planar(self.lidar.compose(pose)), covariance=ros_covariance(covariance)
             )
             for pose, covariance in persons(clusters(scan, ranges, GAP_M))
         ]
         header = m.Header(stamp=scan.header.stamp, frame_id="base_link")
-        return {LEGS: m.Observation(header=header, poses=tuple(found))}
+        return {LEGS: m.Observation(header=header, poses=tuple(poses))}

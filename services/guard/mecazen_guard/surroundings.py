@@ -22,7 +22,7 @@ from mecazen.scan import (
     clusters,
     ranges_of,
 )
-from mecazen.walkers import STILL_M_S, Place, Walker, Walkers
+from mecazen.walkers import STILL_M_S, Place, Walkers, WalkerTrack
 from mecazen.wire import NS_PER_S
 
 from mecazen_guard.guard import Points
@@ -50,7 +50,7 @@ WALKING_SCANS = 3
 """Minimum number of detections; with fewer, the velocity is assumed to be 0."""
 
 
-def _velocities(track: Walker) -> tuple[Place, Place]:
+def _velocities(track: WalkerTrack) -> tuple[Place, Place]:
     """Return the velocity of a track, and its certain lower bound [m/s].
 
     Only a person's track has a velocity: the visible part of a box also moves as the robot drives

@@ -58,6 +58,12 @@ class RobotBody:
         self.world = dart_world
         self._robot, self._dt = robot, physics.dt_s
         self._half_wheelbase, self._half_track = robot.half_wheelbase, robot.half_track
+        self.max_depth = robot.rollers.max_radius_m
+        """A robot whose base_link is deeper in the ground [m] has diverged.
+
+        The origin of base_link is the mean of the wheels' lowest points, so no attitude of a robot
+        above the ground brings it below.
+        """
         self.skeleton, joints = _build(robot, start, world)
         self._root, self._axle = self.skeleton.getJoint(0), self.skeleton.getJoint(1)
         self.wheels = joints[: len(WHEELS)]
@@ -146,13 +152,9 @@ class RobotBody:
             self.is_projected = True
 
     def lift(self) -> None:
-        """Lift the robot out of the ground if a foot has pressed it in.
-
-        The origin of base_link is the mean of the wheels' lowest points, so no attitude of a robot
-        above the ground brings it below.
-        """
+        """Lift the robot out of the ground if a foot has pressed it in."""
         position = self._root.getPositions()
-        if -self._robot.rollers.max_radius_m < position[5] < -DEEPEST_M:
+        if -self.max_depth <= position[5] < -DEEPEST_M:
             position[5] = 0.0
             self._root.setPositions(position)
 

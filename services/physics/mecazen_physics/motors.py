@@ -26,8 +26,8 @@ class Motors:
     A commanded speed is held by DART's servo within the motor's torque, or controlled by a PID for
     each wheel if `physics.drive` is "effort". Speeds and torques are clipped at the motor's limits,
     and a torque does not accelerate a wheel beyond its maximum speed. With a table `motors` in the
-    robot file, the motors follow commands as real motors do, and friction is subtracted from the
-    torque at a wheel.
+    robot file, the motors follow commands as real motors do, and a wheel gets the torque of its
+    motor less the friction at the speed at which a step begins.
 
     Args:
         robot: The robot, with the motors' limits.
@@ -39,53 +39,57 @@ class Motors:
         self._wheels, self._dt = wheels, physics.dt_s
         self._max_torque = robot.wheels.max_torque_nm
         self._max_speed = robot.wheels.max_speed_rad_s
-        self._real = robot.motors if physics.motors == "robot" else None
+        self._real = real_motors(robot, physics)
         self._pids: list[WheelPid] = []
         if physics.drive == "effort":
             self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
-        self._responses: dict[bool, MotorModel] = {}
-        """The responses of real motors to speeds and to torques."""
-        if self._real is not None:
-            torque = replace(self._real, dead_band_rad_s=0.0)
-            self._responses = {
-                False: MotorModel(self._real, physics.dt_s),
-                True: MotorModel(torque, physics.dt_s),
-            }
-        self._is_effort = True
+        self._is_effort: bool | None = None
+        """Whether the command is one of torques; None before the first command."""
         self._values: Values = (0.0,) * len(WHEELS)
         self._response: MotorModel | None = None
+        """The response of real motors to commands of the present kind."""
+        self._friction = [0.0] * len(WHEELS)
+        """Friction torques of real motors in the last step [N·m]."""
         self._supplied = 1.0
         self._servo = False
 
     def command(self, command: WheelCommand, efforts: Sequence[float]) -> None:
         """Take a command from now on; `efforts` are the motors' last torques [N·m]."""
+        if command.is_effort != self._is_effort:
+            self._begin(efforts, is_effort=command.is_effort)
         limit = self._max_torque if command.is_effort else self._max_speed
-        self._is_effort = command.is_effort
         self._values = tuple([min(max(value, -limit), limit) for value in command.values])
-        self._use(servo=not (command.is_effort or self._pids))
-        if self._real is not None:
-            self._response = self._responses[command.is_effort]
+        if self._real is not None and self._response is not None:
             self._response.give(self._values)
             self._supplied = supply(self._real.sag_per_nm, efforts)
-        elif self._servo:
-            self._set(self._values)
+
+    def _begin(self, efforts: Sequence[float], *, is_effort: bool) -> None:
+        """Begin to follow commands of the other kind, without what remains of earlier ones."""
+        self._is_effort = is_effort
+        self._use(servo=not (is_effort or self._pids))
+        for pid in self._pids:
+            pid.reset()
+        if self._real is not None:
+            motors = replace(self._real, dead_band_rad_s=0.0) if is_effort else self._real
+            self._response = MotorModel(motors, self._dt, efforts if is_effort else self._speeds())
 
     def step(self) -> None:
         """Set the commands of DART's joints for the next step."""
+        speeds, values = self._speeds(), self._values
         if self._response is not None:
             values = self._response.step(self._supplied)
-        elif self._servo:
-            return
-        else:
-            values = self._values
-        if self._servo:
-            self._set(values)
-            return
-        speeds = [wheel.getVelocity(0) for wheel in self._wheels]
-        if not self._is_effort:
-            goals = zip(self._pids, values, speeds, strict=True)
-            values = tuple([pid.update(goal - speed) for pid, goal, speed in goals])
-        self._set([self._limited(*pair) for pair in zip(values, speeds, strict=True)])
+            self._friction = [self._response.friction(speed) for speed in speeds]
+            for wheel, friction in zip(self._wheels, self._friction, strict=True):
+                wheel.setForceUpperLimit(0, self._max_torque - friction)
+                wheel.setForceLowerLimit(0, -self._max_torque - friction)
+        if not self._servo:
+            if not self._is_effort:
+                goals = zip(self._pids, values, speeds, strict=True)
+                values = tuple([pid.update(goal - speed) for pid, goal, speed in goals])
+            torques = map(self._limited, values, speeds)
+            values = tuple([t - f for t, f in zip(torques, self._friction, strict=True)])
+        for wheel, value in zip(self._wheels, values, strict=True):
+            wheel.setCommand(0, value)
 
     def torques(self) -> list[float]:
         """Return the torques of the motors in the last step [N·m]."""
@@ -94,10 +98,10 @@ class Motors:
             torques = [wheel.getConstraintImpulse(0) / self._dt for wheel in self._wheels]
         else:
             torques = [wheel.getCommand(0) for wheel in self._wheels]
-        if self._real is None:
-            return torques
-        speeds = [wheel.getVelocity(0) for wheel in self._wheels]
-        return [t + friction(self._real, s) for t, s in zip(torques, speeds, strict=True)]
+        return [t + f for t, f in zip(torques, self._friction, strict=True)]
+
+    def _speeds(self) -> list[float]:
+        return [wheel.getVelocity(0) for wheel in self._wheels]
 
     def _use(self, *, servo: bool) -> None:
         if servo != self._servo:
@@ -106,16 +110,11 @@ class Motors:
             for wheel in self._wheels:
                 wheel.setActuatorType(actuator)
 
-    def _set(self, values: Sequence[float]) -> None:
-        for wheel, value in zip(self._wheels, values, strict=True):
-            wheel.setCommand(0, value)
-
     def _limited(self, torque: float, speed: float) -> float:
-        """Return the torque at a wheel [N·m], within the motor's limits at its speed [rad/s]."""
+        """Return the torque of a motor [N·m], within its limits at the wheel's speed [rad/s]."""
         upper = self._max_torque if speed < self._max_speed else 0.0
         lower = -self._max_torque if speed > -self._max_speed else 0.0
-        torque = min(max(torque, lower), upper)
-        return torque if self._real is None else torque - friction(self._real, speed)
+        return min(max(torque, lower), upper)
 
 
 class WheelPid:
@@ -128,6 +127,10 @@ class WheelPid:
         self._gains = gains
         self._max_torque = max_torque
         self._dt = dt
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all errors."""
         self._integral = 0.0
         self._last_error: float | None = None
 
@@ -144,21 +147,25 @@ class WheelPid:
 
 
 class MotorModel:
-    """The response of the four wheels to their commands.
+    """The response of the four wheels to their commands, of speeds or of torques.
 
     Args:
         motors: Parameters of the motors.
         dt: Physics step [s].
+        start: Output until the first command arrives [rad/s or N·m].
     """
 
-    def __init__(self, motors: RealMotors, dt: float) -> None:
+    def __init__(
+        self, motors: RealMotors, dt: float, start: Sequence[float] = (0.0,) * len(WHEELS)
+    ) -> None:
         self._motors, self._dt = motors, dt
         self._steps = 0
         self._commands: deque[tuple[float, Values]] = deque()
         """Pending commands, with the times at which they arrive at the motors [s]."""
-        self._newest: Values = (0.0,) * len(WHEELS)
-        self._in_force = self._newest
-        self._output = self._newest
+        self._newest: Values | None = None
+        self._in_force: Values | None = None
+        """The command that the motors follow; None: their output stays."""
+        self._output: Values = tuple(start)
 
     def give(self, command: Sequence[float]) -> None:
         """Take a command from now on: speeds [rad/s], or torques [N·m]."""
@@ -184,12 +191,19 @@ class MotorModel:
 
     def _follow(self, duration: float, supplied: float) -> None:
         """Follow the command in force, which is constant, for a duration [s]."""
+        if self._in_force is None:
+            return
         goal = self._shaped(self._in_force, supplied)
         lag = self._motors.time_constant_s
         left = math.exp(-duration / lag) if lag > 0.0 else float(duration == 0.0)
         self._output = tuple(
             aim + left * (value - aim) for aim, value in zip(goal, self._output, strict=True)
         )
+
+    def friction(self, speed: float) -> float:
+        """Return the friction torque of motor and gear [N·m] at a wheel's speed [rad/s]."""
+        part = min(max(speed / STILL_RAD_S, -1.0), 1.0)
+        return self._motors.coulomb_nm * part + self._motors.viscous_nms * speed
 
     def _shaped(self, values: Values, supplied: float) -> Values:
         dead = self._motors.dead_band_rad_s
@@ -199,10 +213,9 @@ class MotorModel:
         )
 
 
-def friction(motors: RealMotors, speed: float) -> float:
-    """Return the friction torque of motor and gear [N·m] at a wheel's speed [rad/s]."""
-    part = min(max(speed / STILL_RAD_S, -1.0), 1.0)
-    return motors.coulomb_nm * part + motors.viscous_nms * speed
+def real_motors(robot: Robot, physics: PhysicsConfig) -> RealMotors | None:
+    """Return the real motors of a robot, or None if its motors are ideal."""
+    return robot.motors if physics.motors == "robot" else None
 
 
 def supply(sag_per_nm: float, torques: Sequence[float]) -> float:

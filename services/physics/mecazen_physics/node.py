@@ -48,6 +48,7 @@ from mecazen.wheels import Watchdog, WheelCommand, wheel_command
 from mecazen.wire import NS_PER_S
 
 from mecazen_physics.instruments import Battery, Encoders, Imu
+from mecazen_physics.motors import real_motors
 from mecazen_physics.people import MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
@@ -97,8 +98,8 @@ class PhysicsNode(Node):
         }
         self.reported: dict[str, ReportedPerson] = {}
         """Persons by name."""
-        self.walking: dict[str, MovingPerson] = {}
-        """The persons in the world, as last reported."""
+        self.moving: dict[str, bool] = {}
+        """Whether each person in the world moves, by name."""
         self.numbers = {name: number for number, name in enumerate(self.followed.values())}
         """Numbers of the persons: first those whom robots follow."""
 
@@ -151,49 +152,47 @@ class PhysicsNode(Node):
         return self.watchdogs[name].command(command, inputs.age_s(topic), speeds)
 
     def _place_followed(self, robot: str, inputs: Inputs) -> None:
-        """Place a followed person as reported; the person stops if no sample comes."""
+        """Place a followed person as reported; the person stops if no good sample comes."""
         topic, name = of_robot(self.person_topic, robot), self.followed[robot]
         message = inputs.get(topic)
-        if message is None:
-            if inputs.age_s(topic) > self.config.watchdog_s:
-                self._stop(name)
-            return
-        if self.has_legs and len(message.joints) != len(JOINTS):
-            inputs.refuse(topic, NEEDS_JOINTS)
-            return
+        if message is not None:
+            try:
+                self._place(name, self._followed_person(name, message, inputs.gap_s(topic)))
+            except RefusedError as refusal:
+                inputs.refuse(topic, str(refusal))
+        if inputs.age_s(topic) > self.config.watchdog_s:
+            self._stop(name)
+
+    def _followed_person(self, name: str, message: Any, gap_s: float) -> MovingPerson:
+        """Return a followed person as reported, `gap_s` after the last good sample."""
         reported = self._reported(name)
         pose = None if self.has_legs else message.pose.pose.to_planar()
         points = _positions(message.joints) if pose is None else [pose[:2]]
-        if not reported.can_be_at(points, inputs.gap_s(topic)):
-            inputs.refuse(topic, TOO_FAR)
-        elif pose is None:
+        if not reported.can_be_at(points, gap_s):
+            raise RefusedError(TOO_FAR)
+        if pose is None:
             time = message.header.stamp.ns / NS_PER_S
-            self._place(name, reported.with_joints(points, time, message.height))
-        else:
-            twist = message.twist.twist.to_planar()
-            self._place(name, reported.upright(pose, twist))
+            return reported.with_joints(points, time, message.height)
+        return reported.upright(pose, message.twist.twist.to_planar())
 
     def _place_walkers(self, inputs: Inputs) -> None:
         """Place all other persons as reported, and remove those that are not.
 
-        They stop if no sample comes.
+        They stop if no good sample comes.
         """
         people = inputs.get(PEOPLE)
         followed = self.followed.values()
-        walkers = [name for name in self.walking if name not in followed]
+        walkers = [name for name in self.moving if name not in followed]
         if people is not None:
-            present = [person for person in people.persons if person.id not in followed]
-            if self.has_legs and any(len(person.joints) != len(JOINTS) for person in present):
+            present = {person.id: person for person in people.persons if person.id not in followed}
+            if self.has_legs and any(len(p.joints) != len(JOINTS) for p in present.values()):
                 inputs.refuse(PEOPLE, NEEDS_JOINTS)
-                return
-            names = {person.id for person in present}
-            for name in (name for name in walkers if name not in names):
-                del self.walking[name]
-                self.reported.pop(name, None)
-                self.simulation.remove_person(self.numbers[name])
-            for person in present:
-                self._place(person.id, self._walker(person, people))
-        elif inputs.age_s(PEOPLE) > self.config.watchdog_s:
+            else:
+                for name in (name for name in walkers if name not in present):
+                    self._remove(name)
+                for name, person in present.items():
+                    self._place(name, self._walker(person, people))
+        if inputs.age_s(PEOPLE) > self.config.watchdog_s:
             for name in walkers:
                 self._stop(name)
 
@@ -209,13 +208,19 @@ class PhysicsNode(Node):
         return self.reported.setdefault(name, ReportedPerson(height))
 
     def _place(self, name: str, person: MovingPerson) -> None:
-        self.walking[name] = person
+        self.moving[name] = True
         number = self.numbers.setdefault(name, len(self.numbers))
         self.simulation.place_person(number, person)
 
     def _stop(self, name: str) -> None:
-        if name in self.walking:
-            self._place(name, self.walking[name].standing())
+        if self.moving.get(name):
+            self.moving[name] = False
+            self.simulation.stop_person(self.numbers[name])
+
+    def _remove(self, name: str) -> None:
+        del self.moving[name]
+        self.reported.pop(name, None)
+        self.simulation.remove_person(self.numbers[name])
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
         """Return a robot's URDF."""
@@ -245,13 +250,10 @@ def _instruments(part: Scenario, seed: int) -> dict[Topic[Any], Imu | Battery]:
         instruments[IMU] = Imu(part.sensors.imu, period, part.sim.tick_s, seed)
     if "battery" in part.features:
         period = part.ticks_per("sensors.battery.rate_hz")
-        instruments[BATTERY_STATE] = Battery(part.sensors.battery, _sag_per_nm(part), period, seed)
+        motors = real_motors(part.robot, part.physics)
+        sag_per_nm = motors.sag_per_nm if motors else 0.0
+        instruments[BATTERY_STATE] = Battery(part.sensors.battery, sag_per_nm, period, seed)
     return instruments
-
-
-def _sag_per_nm(part: Scenario) -> float:
-    motors = part.robot.motors if part.physics.motors == "robot" else None
-    return motors.sag_per_nm if motors else 0.0
 
 
 def _messages(
@@ -286,4 +288,6 @@ def _messages(
 
 
 def _positions(joints: Sequence[Point]) -> list[Vector]:
+    if len(joints) != len(JOINTS):
+        raise RefusedError(NEEDS_JOINTS)
     return [(joint.x, joint.y, joint.z) for joint in joints]

@@ -58,7 +58,8 @@ class MovingPerson(NamedTuple):
 
         Joints are in the order of `mecazen.skeleton.JOINTS`, in the world frame.
         """
-        legs = Legs(joints[_BEGINS], joints[_ENDS], velocities[_BEGINS], velocities[_ENDS], height)
+        sideways = velocities * SIDEWAYS
+        legs = Legs(joints[_BEGINS], joints[_ENDS], sideways[_BEGINS], sideways[_ENDS], height)
         pelvis = INDEX["pelvis"]
         (x, y, _), (vx, vy, _) = joints[pelvis].tolist(), velocities[pelvis].tolist()
         return cls(x, y, (vx, vy), legs)
@@ -140,7 +141,6 @@ def place(skeleton: Any, person: MovingPerson) -> None:
         skeleton.setCommands(person.velocity)
         return
     begins, ends, begin_velocities, end_velocities, height = person.legs
-    begin_velocities, end_velocities = begin_velocities * SIDEWAYS, end_velocities * SIDEWAYS
     along, turning = ends - begins, end_velocities - begin_velocities
     up = along[:, 2:] < 0.0  # a capsule has no direction: none is turned by more than 90°
     along, turning = np.where(up, -along, along), np.where(up, -turning, turning)

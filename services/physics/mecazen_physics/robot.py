@@ -40,9 +40,6 @@ class SimulatedRobot:
     ) -> None:
         self._robot, self._config = robot, world
         self._dt = physics.dt_s
-        # base_link's origin is the mean of the wheels' lowest points, which no attitude of a
-        # robot above the ground brings below it.
-        self._max_depth = robot.rollers.max_radius_m
         # No contact makes a robot ten times as fast as its motors can.
         self.max_speed = 10.0 * robot.wheels.max_speed_rad_s * robot.wheels.radius_m
         """A robot that is faster [m/s] has diverged."""
@@ -91,6 +88,10 @@ class SimulatedRobot:
         """Put a person into the world."""
         self._people[number] = person
         self.body.world.place_person(number, person)
+
+    def stop_person(self, number: int) -> None:
+        """Let a person stand where they are now."""
+        self.place_person(number, self._people[number].standing())
 
     def remove_person(self, number: int) -> None:
         """Take a person out of the world."""
@@ -199,7 +200,7 @@ class SimulatedRobot:
             self._people[number] = person.after(duration)
         self._steps += steps
         state = self._read()
-        check_converged(state, self.state, self._max_depth, self.max_speed)
+        check_converged(state, self.state, self.body.max_depth, self.max_speed)
         self.state = state
 
     def _read(self) -> RobotState:

@@ -67,42 +67,15 @@ class Mode(NamedTuple):
 
 MIN_STEP = 0.001
 """Random walk [m] of the position in addition to sway."""
-NEARLY_ZERO = 0.02
-"""Random walk [m/s or rad/s] of a speed or turn rate that a mode assumes to be 0."""
-SHARP_DEG, BLUNT_DEG = 5.0, 65.0
-"""Standard deviations of an observed heading, to which `SHARP` and `BLUNT` apply."""
-STANDING = Mode(MIN_STEP, 0.04, NEARLY_ZERO, NEARLY_ZERO, 1.7, moves=0.0, turns=0.0)
-STRAIGHT = Mode(MIN_STEP, 0.127, 0.1, NEARLY_ZERO, 6.0, turns=0.0)
-TURNING = Mode(MIN_STEP, 0.0, 0.018, 0.009, 15.0)
-WANDERING = Mode(MIN_STEP, 0.0, 0.29, 2.55, 2.0, 4.8)
-MANOEUVRING = Mode(0.13, 0.0, 0.62, 5.0, 0.4, 1.7)
-SHARP = STANDING, STRAIGHT, TURNING, WANDERING, MANOEUVRING
-"""The modes for a sensor of `SHARP_DEG`; fitted to recorded people: docs/results.md."""
-BLUNT = (
-    STANDING._replace(sojourn_s=3.0),
-    STRAIGHT._replace(heading=0.004, speed=0.015, sojourn_s=25.0),
-    TURNING,
-    WANDERING._replace(speed=0.018, turn_rate=0.009, sojourn_s=15.0, fading_1_s=0.03),
-    MANOEUVRING._replace(step=0.09, speed=1.4, turn_rate=1.3, sojourn_s=6.0, fading_1_s=0.02),
-)
-"""The modes for a sensor that hardly sees the heading; found on the U-track."""
-
-
-def modes_at(yaw_std_deg: float) -> tuple[Mode, ...]:
-    """Return the modes for a sensor with this standard deviation of the heading.
-
-    Modes can be distinguished only over a time in which the noise averages out, so a noisy sensor
-    needs modes that last longer and are disturbed less. A parameter is that of `SHARP` up to 5
-    degrees, that of `BLUNT` from 65 degrees on, and in between a power of the deviation.
-    """
-    share = math.log(yaw_std_deg / SHARP_DEG) / math.log(BLUNT_DEG / SHARP_DEG)
-    share = min(max(share, 0.0), 1.0)
-
-    def between(sharp: float, blunt: float) -> float:
-        return sharp * (blunt / sharp) ** share if sharp else 0.0
-
-    pairs = zip(SHARP, BLUNT, strict=True)
-    return tuple(Mode(*map(between, sharp, blunt)) for sharp, blunt in pairs)
+STANDING = Mode(0.00026, 0.017, 0.02, 0.02, 3.5, moves=0.0, turns=0.0)
+STRAIGHT = Mode(0.0023, 0.11, 0.0036, 0.02, 2.6, turns=0.0)
+TURNING = Mode(0.001, 0.001, 0.0015, 0.0043, 34.0, 0.0096)
+WINDING = Mode(0.001, 0.001, 0.0067, 0.43, 9.8, 0.34)
+WANDERING = Mode(0.001, 0.0031, 0.45, 1.8, 1.5, 6.1)
+MANOEUVRING = Mode(0.11, 0.0022, 0.37, 3.3, 1.9, 1.2)
+MODES = STANDING, STRAIGHT, TURNING, WINDING, WANDERING, MANOEUVRING
+"""How people walk, chosen on random walkers and recorded walks by the likelihood of what a sensor
+sees: docs/following.md. The same for every sensor."""
 
 
 def ctrv(x: Array, dt: float, fading: float = 0.0) -> tuple[Array, Array]:
@@ -256,10 +229,11 @@ class ImmBank:
 
 
 class ImmFilter(Estimator, name="imm"):
-    """An IMM of five modes: standing, straight, turning steadily, wandering, manoeuvring.
+    """An IMM of six modes: standing, straight, turning steadily, winding, wandering, manoeuvring.
 
-    The manoeuvring mode covers setting off, stopping and quick turns; it takes over within a few
-    frames. The wandering mode is how real people walk. The other modes average over seconds.
+    The manoeuvring mode covers setting off, stopping, side steps and quick turns; it takes over
+    within a few frames. The wandering mode is how real people walk. The other modes average over
+    seconds.
 
     The bank is propagated only when an observation comes; between observations, `ahead` is cheaper.
     """
@@ -270,9 +244,8 @@ class ImmFilter(Estimator, name="imm"):
         self.reset()
 
     def _begin(self, x: Array, P: Array) -> ImmBank:
-        """Return a bank that starts with the first observation and is tuned to its noise."""
-        yaw_std_deg = math.degrees(math.sqrt(P[YAW, YAW]))
-        return ImmBank(modes_at(yaw_std_deg), self._sway, x, P)
+        """Return a bank that starts with the first observation."""
+        return ImmBank(MODES, self._sway, x, P)
 
     def reset(self) -> None:
         self.nis = None

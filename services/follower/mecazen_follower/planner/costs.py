@@ -13,6 +13,7 @@ from mecazen.drive import Array
 from mecazen.geometry import Standoff
 from mecazen.portable import Floats
 
+from mecazen_follower.control import FieldOfView
 from mecazen_follower.planner.surroundings import DistanceField, Shadows
 
 FACTOR = 3.0
@@ -27,14 +28,6 @@ GIVEN_UP_M, GIVEN_UP_RAD = 0.3, math.radians(30.0)
 """Errors of distance and angle at the end of a plan from which on they count as given up."""
 STILL_M = 0.15
 """A robot that moves less than this in a whole plan is waiting [m]."""
-
-
-class SensorView(NamedTuple):
-    """A sensor's direction on the robot and half its field of view [rad], and its range [m]."""
-
-    yaw: float = 0.0
-    half_fov: float = math.pi
-    max_range: float = math.inf
 
 
 class Extents(NamedTuple):
@@ -91,7 +84,7 @@ class Costs:
     """Judges paths by the priorities of the configuration."""
 
     def __init__(
-        self, config: PlannerConfig, standoff: Standoff, body: Extents, view: SensorView
+        self, config: PlannerConfig, standoff: Standoff, body: Extents, view: FieldOfView
     ) -> None:
         ranks = reversed(range(len(config.priorities)))
         self.weights = {
@@ -101,7 +94,7 @@ class Costs:
         self._clearance, self._standoff = config.clearance_m, standoff
         self._body, self._view = body, view
 
-    def of(self, paths: Rollout, situation: Situation) -> Array:
+    def evaluate(self, paths: Rollout, situation: Situation) -> Array:
         """Return the mean cost per step of each path (n); weights rise from 0.5 to 1.5."""
         dtype = paths.x.dtype
         person, goals = situation.person.astype(dtype), situation.goals.astype(dtype)
@@ -183,10 +176,10 @@ class Costs:
     ) -> npt.NDArray[np.bool_]:
         """Return whether the person is unseen from positions relative to the person (steps, n)."""
         hidden = situation.shadows.hide(x, y, distance) | (distance > self._view.max_range)
-        if self._view.half_fov < math.pi:
-            c, s = math.cos(self._view.yaw), math.sin(self._view.yaw)
+        if self._view.half < math.pi:
+            c, s = math.cos(self._view.centre), math.sin(self._view.centre)
             ahead = -(x * (c * paths.c - s * paths.s) + y * (s * paths.c + c * paths.s)) / distance
-            hidden |= ahead < math.cos(self._view.half_fov)
+            hidden |= ahead < math.cos(self._view.half)
         return hidden
 
     def _clearances(self, paths: Rollout, situation: Situation) -> Array:

@@ -27,9 +27,13 @@ from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate, wrap
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats, arctan2, exp
 
-from mecazen_follower.control import HEADING_BRAKING_RAD_S2, LINEAR_BRAKING_M_S2
+from mecazen_follower.control import (
+    HEADING_BRAKING_RAD_S2,
+    LINEAR_BRAKING_M_S2,
+    FieldOfView,
+)
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.planner.costs import OPEN, Costs, Extents, Rollout, SensorView, Situation
+from mecazen_follower.planner.costs import OPEN, Costs, Extents, Rollout, Situation
 from mecazen_follower.planner.surroundings import LocalMap, Shadows
 
 STEPS = 20
@@ -56,7 +60,7 @@ Command = Callable[[int, Array, Array, Array], Array]
 """Maps a step and x, y and yaw, each (n), to velocities along odom's axes and yaw rates (3, n)."""
 
 
-class Course(NamedTuple):
+class Prediction(NamedTuple):
     """Predicted poses and velocities after each step: (steps, 3), or (steps, 3, n) for n goals.
 
     The origin is the robot, the axes are those of odom.
@@ -86,7 +90,7 @@ class Planner:
         config: FollowerConfig,
         drive: Drive,
         body: Extents,
-        view: SensorView,
+        view: FieldOfView,
         seed: int,
         *,
         has_real_lidar: bool = False,
@@ -108,7 +112,7 @@ class Planner:
 
     def forget(self) -> None:
         """Forget everything, since odom has changed."""
-        self.rest()
+        self.clear_plan()
         self._map = LocalMap(is_real=self._has_real_lidar)
         self._trail: deque[tuple[float, float]] = deque()
         """The person's past positions in odom, oldest first."""
@@ -116,7 +120,7 @@ class Planner:
         self._time = 0.0
         """Time of the person's estimate [s]."""
 
-    def rest(self) -> None:
+    def clear_plan(self) -> None:
         """Drop the plan: the robot stands, or turns on the spot."""
         self.plan = OPEN
         self._commands: Array | None = None
@@ -168,14 +172,14 @@ class Planner:
         ends = np.arange(modes + 1) * samples // modes
         commands = np.repeat(nominal.astype(np.float32), np.diff(ends), axis=-1)
         commands += self._noise
-        costs = self.costs.of(self.roll(commands), situation)
+        costs = self.costs.evaluate(self.roll(commands), situation)
         means = np.empty_like(nominal)
         for mode, (begin, end) in enumerate(pairwise(ends.tolist())):
             weights = exp((costs[begin:end].min() - costs[begin:end]) / TEMPERATURE)
             weights /= weights.sum()
             means[..., mode] = np.einsum("kan,n->ka", commands[..., begin:end], weights)
         paths = self.roll(np.concatenate((nominal, means), axis=-1))
-        costs = self.costs.of(paths, situation)
+        costs = self.costs.evaluate(paths, situation)
         if self._commands is not None:  # the last mode is the last plan
             costs[[modes - 1, -1]] -= LOYALTY
         return paths, costs
@@ -190,7 +194,7 @@ class Planner:
         self._yaw = robot.yaw
         later = [person.after(self._dt * (k + 1)) for k in range(STEPS)]
         poses = np.array([estimate.pose for estimate in later]) - (robot.x, robot.y, 0.0)
-        predicted = Course(poses, np.array([estimate.velocity for estimate in later]))
+        predicted = Prediction(poses, np.array([estimate.velocity for estimate in later]))
         trail = np.array(self._trail).reshape(-1, 2) - robot[:2]
         goals, turns = goals_of(self._standoff, predicted, trail)
         law = towards(poses, goals, turns, self._law)
@@ -273,7 +277,7 @@ def roll(yaw: float, twist: Twist2D, steps: int, limits: MotionLimits, command: 
     return Rollout(poses[0], poses[1], poses[2], poses[3], commands)
 
 
-def goals_of(standoff: Standoff, person: Course, trail: Floats) -> tuple[Course, Floats]:
+def goals_of(standoff: Standoff, person: Prediction, trail: Floats) -> tuple[Prediction, Floats]:
     """Return the goals of n modes, and the yaw rate (n) at which each orbits the person.
 
     The modes are the place to keep, others around the person, the person's trail, and staying. In
@@ -307,10 +311,10 @@ def goals_of(standoff: Standoff, person: Course, trail: Floats) -> tuple[Course,
     poses[:, 2, -2:] = arctan2(off[:, 1], off[:, 0]) + facing
     orbits = np.zeros(modes)
     orbits[:-2] = yaw_rate[0]
-    return Course(poses, velocities), orbits
+    return Prediction(poses, velocities), orbits
 
 
-def _along(trail: Floats, person: Course, distance: float) -> tuple[Floats, Floats]:
+def _along(trail: Floats, person: Prediction, distance: float) -> tuple[Floats, Floats]:
     """Return points at a distance behind the person along the path, and their velocities."""
     path = np.concatenate((trail, person.poses[:, :2]))
     lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
@@ -323,7 +327,7 @@ def _along(trail: Floats, person: Course, distance: float) -> tuple[Floats, Floa
     return points, (ahead - points) * (speeds / length)[:, None]
 
 
-def towards(person: Floats, goals: Course, orbits: Floats, law: PolarControl) -> Command:
+def towards(person: Floats, goals: Prediction, orbits: Floats, law: PolarControl) -> Command:
     """Return the law of control.py for n goals, without wheel limits: `MotionLimits` applies them.
 
     Args:
