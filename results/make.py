@@ -58,8 +58,9 @@ class Results:
             return version(f"mecazen_bench.{stage.removeprefix('bench-')}")[:16]
         options = argparse.ArgumentParser()
         options.add_argument("name")
-        for option in ("seeds", "walks", "figures"):
-            options.add_argument(f"--{option}", type=None if option == "seeds" else Path)
+        for option in ("seeds", "figures"):
+            options.add_argument(f"--{option}")
+        options.add_argument("--walks", type=Path)
         for option in ("set", "sweep", "only"):
             options.add_argument(f"--{option}", action="append", default=[])
         chosen = vars(options.parse_args(words))
@@ -127,10 +128,12 @@ class Results:
         if not (self.folder / f"{stage}.csv").exists():
             return "no result yet"
         try:
-            changed = self.origins[stage].get("key") != self.key(stage)
+            key = self.key(stage)
         except KeyError as missing:
             return f"not known without {missing.args[0]} in the environment"
-        return f"inputs have changed since commit {self.origins[stage]['commit']}" * changed
+        origin = self.origins[stage]
+        same = origin.get("key") == key
+        return "" if same else f"inputs have changed since commit {origin['commit']}"
 
     def run(self, stage: str, more: list[str]) -> None:
         """Run a stage; write its result, its origin and the documents."""
