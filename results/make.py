@@ -47,7 +47,7 @@ class Results:
         self.documents = [*sorted((root / "docs").glob("*.md")), root / "README.md"]
 
     def words(self, stage: str) -> list[str]:
-        """Return the words of a stage's command, without those of the environment that lack."""
+        """Return the words of a stage's command, with variables of the environment."""
         command: str = self.stages[stage]["command"]
         return [Template(word).substitute(os.environ) for word in shlex.split(command)]
 
@@ -58,14 +58,15 @@ class Results:
             return version(f"mecazen_bench.{stage.removeprefix('bench-')}")[:16]
         options = argparse.ArgumentParser()
         options.add_argument("name")
-        for option in ("seeds", "walks", "figures"):
-            options.add_argument(f"--{option}", type=None if option == "seeds" else Path)
+        for option in ("seeds", "figures"):
+            options.add_argument(f"--{option}")
+        options.add_argument("--walks", type=Path)
         for option in ("set", "sweep", "only"):
             options.add_argument(f"--{option}", action="append", default=[])
         chosen = vars(options.parse_args(words))
         del chosen["figures"]
         _, jobs = commands.expanded(**chosen)
-        return hashlib.sha256(" ".join(sorted(job.key for job in jobs)).encode()).hexdigest()[:16]
+        return sha256(" ".join(sorted(job.key for job in jobs)).encode())
 
     def made(self, stage: str) -> dict[str, str]:
         """Return the tables of a stage in Markdown, by title."""
@@ -82,7 +83,7 @@ class Results:
 
         def block(match: re.Match[str]) -> str:
             stage, title = match["stage"], match["title"]
-            if not (self.folder / f"{stage}.csv").exists():
+            if stage not in self.stages or not (self.folder / f"{stage}.csv").exists():
                 return match[0]
             made, origin = self.made(stage), self.origins[stage]
             if title is not None and title not in made:
@@ -101,7 +102,7 @@ class Results:
             text, name = path.read_text(), path.relative_to(self.root)
             for match in BLOCK.finditer(IGNORED.sub("", text)):
                 shown[match["stage"]] = shown.get(match["stage"], "") + match["text"]
-            if {*shown} <= {*self.stages} and self.updated(text) != text:
+            if self.updated(text) != text:
                 yield f"{name}: a table is not that of its result; `make results` writes it"
             for pattern in (IGNORED, BLOCK):
                 text = pattern.sub(lambda match: "\n" * match[0].count("\n"), text)
@@ -111,7 +112,7 @@ class Results:
                     yield f"{name}:{number - 1}: this table needs a line <!-- by hand: REASON -->"
                 for picture in PICTURE.findall(line):
                     file = str((path.parent / picture).resolve().relative_to(self.root))
-                    if drawn.get(file, _sha256(self.root / file)) != _sha256(self.root / file):
+                    if drawn.get(file, _drawn(self.root / file)) != _drawn(self.root / file):
                         yield f"{name}:{number}: {picture} is not the figure of its result"
                     if file not in drawn and not BY_HAND.fullmatch(lines[number]):
                         yield f"{name}:{number}: this picture needs <!-- by hand: REASON -->"
@@ -119,7 +120,7 @@ class Results:
             yield f"stage {stage} is {'shown nowhere' if stage in self.stages else 'not in stages'}"
         for stage, text in shown.items():
             kept = self.origins.get(stage, {}).get("text")
-            if kept is not None and kept != hashlib.sha256(text.encode()).hexdigest()[:16]:
+            if kept is not None and kept != sha256(text.encode()):
                 yield f"stage {stage}: its tables are not those of the last result"
 
     def stale(self, stage: str) -> str:
@@ -127,10 +128,12 @@ class Results:
         if not (self.folder / f"{stage}.csv").exists():
             return "no result yet"
         try:
-            changed = self.origins[stage].get("key") != self.key(stage)
+            key = self.key(stage)
         except KeyError as missing:
             return f"not known without {missing.args[0]} in the environment"
-        return f"inputs have changed since commit {self.origins[stage]['commit']}" * changed
+        origin = self.origins[stage]
+        same = origin.get("key") == key
+        return "" if same else f"inputs have changed since commit {origin['commit']}"
 
     def run(self, stage: str, more: list[str]) -> None:
         """Run a stage; write its result, its origin and the documents."""
@@ -138,9 +141,7 @@ class Results:
         words += ["--csv", f"results/{stage}.csv", *(more if words[0] == "experiment" else ())]
         commit = _git(self.root, "describe", "--always", "--dirty=+", "--exclude=*")
         subprocess.run([sys.executable, "-m", "mecazen_tools", *words], check=True, cwd=self.root)
-        figures = {
-            file: _sha256(self.root / file) for file in self.stages[stage].get("figures", ())
-        }
+        figures = {file: _drawn(self.root / file) for file in self.stages[stage].get("figures", ())}
         self.origins[stage] = {
             "commit": commit,
             "date": _git(self.root, "show", "--no-patch", "--format=%cs"),
@@ -153,8 +154,13 @@ class Results:
             path.write_text(self.updated(path.read_text()))
 
 
-def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else "missing"
+def sha256(content: bytes) -> str:
+    """Return the first half of a hash."""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _drawn(file: Path) -> str:
+    return sha256(file.read_bytes()) if file.is_file() else "missing"
 
 
 def _git(root: Path, *words: str) -> str:

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from mecazen_experiments import figures, frame, tables
+from mecazen_experiments import frame, tables
 from mecazen_experiments.expansion import Job, expand
 from mecazen_experiments.runs import (
     Columns,
@@ -151,6 +151,8 @@ def _drawn(
         work = partial(film, options.films.resolve())
         yield from (file for _, file in do_all(work, [*first.values()], workers))
     if options.figures is not None:
+        from mecazen_experiments import figures  # noqa: PLC0415  # slow to import
+
         yield from figures.draw(study, runs, jobs, workers, options.figures)
 
 
@@ -158,9 +160,12 @@ def _refuse_unwritable(study: Study, name: str, options: Options) -> None:
     """Make the folders of the options, and refuse what can't be written, before the runs."""
     if options.csv is not None and not options.csv.absolute().parent.is_dir():
         raise ConfigError(f"--csv {options.csv}: no such folder")
-    if options.figures is not None and not study.figures:
-        raise ConfigError(f"--figures: {name} has no [[figure]]")
-    figures.check(study)
+    if options.figures is not None:
+        from mecazen_experiments import figures  # noqa: PLC0415  # slow to import
+
+        if not study.figures:
+            raise ConfigError(f"--figures: {name} has no [[figure]]")
+        figures.check(study)
     if options.films is not None and not all(case.scenario for case in study.cases):
         raise ConfigError(f"--films: {name} has a case without a scenario")
     for option, folder in (("--figures", options.figures), ("--films", options.films)):

@@ -185,8 +185,8 @@ def cycles(spec: Figure, frame: pd.DataFrame, do: Do[Walk]) -> figure.Figure:
                     axes.fill_between(PERCENT, *band, color=ORANGE, alpha=0.25, linewidth=0.0)
         column[0].set(title=", ".join(map(str, job.choices.values())), xlim=(0.0, 100.0))
         column[-1].set_xlabel("gait cycle [%]")
-    for joint, axes in zip(MEASURED, grid[:, 0], strict=True):
-        axes.set_ylabel(f"{joint} [°]")
+    for label, axes in zip(MEASURED, grid[:, 0], strict=True):
+        axes.set_ylabel(f"{label} [°]")
     _legend(drawn)
     return drawn
 

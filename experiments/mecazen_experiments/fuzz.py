@@ -273,4 +273,4 @@ def _skip(service: Service, ticks: range) -> None:
         def is_triggered(tick: int, before: Any = turn.is_triggered) -> bool:
             return tick not in ticks and before(tick)
 
-        turn.is_triggered = is_triggered  # type: ignore[method-assign]
+        turn.is_triggered = is_triggered  # type: ignore[method-assign, assignment]

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, SIDES
-from mecazen_tools.table import Floats
 from scipy.signal import find_peaks
 
 from mecazen_experiments.gait.path import HEELS, WalkOnPath, lowpass, stride_frequency

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, SIDES
-from mecazen_tools.table import Floats
 from scipy.signal import butter, sosfiltfilt
 
 MIN_SPEED_M_S = 0.1

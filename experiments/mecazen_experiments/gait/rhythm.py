@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, SIDES
-from mecazen_tools.table import Floats
 
 from mecazen_experiments.capture import Motion
 from mecazen_experiments.gait.path import WalkOnPath

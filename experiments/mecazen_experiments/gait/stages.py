@@ -14,6 +14,7 @@ from mecazen.robots import split_key
 from mecazen.skeleton import INDEX, JOINTS, SIDES
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
+from mecazen_tools.table import Poses
 
 from mecazen_experiments.capture import SEEN, Motion, motions
 from mecazen_experiments.gait.events import Events, planted, zeni
@@ -21,7 +22,6 @@ from mecazen_experiments.gait.parameters import Gait, Stride, strides, summary
 from mecazen_experiments.gait.path import PATH_HZ, about_path, lowpass
 from mecazen_experiments.gait.rhythm import rhythm
 from mecazen_experiments.refine import refine, smooth
-from mecazen_tools.table import Poses
 
 LEGS = [[INDEX[f"{s}_{name}"] for name in ("knee", "ankle", "heel", "foot")] for s in SIDES]
 """Joints that a leg's strides need."""
