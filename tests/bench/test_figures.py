@@ -83,6 +83,8 @@ def test_compare_shows_ratios_and_ends_with_1_where_something_became_worse(tmp_p
     assert better.exit_code == 0
     assert "| 0.800 | better |" in better.output
     assert "lost" not in better.output  # only one file has it
+    with pytest.raises(ResultsError, match="no figure is in both"):
+        harness.compare([figure(1.0)], [])
 
 
 @pytest.mark.parametrize(
