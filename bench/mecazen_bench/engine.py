@@ -35,7 +35,7 @@ MIXED = (0.1, 1.0, 0.6, 0.5)
 """Directions of the wheels in the order of `WHEELS`; the last moves along all axes at once."""
 
 
-class Sample(NamedTuple):
+class RobotPose(NamedTuple):
     """Pose of the robot: base_link's origin in world [m], its yaw, and the wheels' angles [rad]."""
 
     x: float
@@ -46,7 +46,7 @@ class Sample(NamedTuple):
     @classmethod
     def from_pose(
         cls, position: Sequence[float], quaternion: Sequence[float], wheels: Sequence[float]
-    ) -> Sample:
+    ) -> RobotPose:
         """Return the sample of a position (x, y, z) and an orientation (x, y, z, w)."""
         qx, qy, qz, qw = quaternion
         yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
@@ -64,7 +64,7 @@ class Engine(ABC):
         """Processor time of the engine's steps so far, without the benchmark code [s]."""
 
     @abstractmethod
-    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> RobotPose:
         """Simulate steps of `dt_s` at wheel speeds [rad/s]; None for motors without torque."""
 
 

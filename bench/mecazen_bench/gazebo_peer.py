@@ -13,7 +13,7 @@ from mecazen.robot import Robot
 from mecazen.rollers import Roller, binary_stl
 from mecazen.urdf import build_urdf
 
-from mecazen_bench.engine import Engine, Sample
+from mecazen_bench.engine import Engine, RobotPose
 
 Shape = Literal["capsule", "mesh"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
@@ -46,7 +46,7 @@ class GazeboEngine(Engine):
             )
             self.advance(None, 0)  # after its answer, the process has read the files
 
-    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> RobotPose:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         words = ("coast", steps) if speeds is None else ("drive", *speeds, steps)
@@ -60,7 +60,7 @@ class GazeboEngine(Engine):
             raise MecazenError(f"{PROGRAM.name} has ended with {self._process.returncode}")
         spent, x, y, _, yaw, *wheels = map(float, answer.split())
         self.spent_s += spent
-        return Sample(x, y, yaw, wheels)
+        return RobotPose(x, y, yaw, wheels)
 
     def close(self) -> None:
         self._process.communicate()

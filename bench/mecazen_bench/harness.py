@@ -22,9 +22,9 @@ LEAST = 0.001
 """Relative change that is ignored: computed figures have no spread, unlike timed ones, but differ
 in their last digits between processors and library versions."""
 
-Row = dict[str, tuple[float, str]]
+Columns = dict[str, tuple[float, str]]
 """Values and goals by column."""
-Tables = dict[str, dict[str, Row]]
+Tables = dict[str, dict[str, Columns]]
 """Rows by table and name, as a benchmark measures them in a round."""
 
 
@@ -34,7 +34,7 @@ class ResultsError(MecazenError):
     exit_code = 2
 
 
-class Figure(msgspec.Struct, frozen=True):
+class Quantity(msgspec.Struct, frozen=True):
     """A measured value; for several rounds, the median with the quartiles."""
 
     table: str
@@ -59,7 +59,7 @@ class Figure(msgspec.Struct, frozen=True):
 
 def measure(
     benchmarks: Mapping[str, Callable[[], Tables]], rounds: int, report: Callable[[str], object]
-) -> list[Figure]:
+) -> list[Quantity]:
     """Measure benchmarks in interleaved rounds: the load of other processes affects all equally.
 
     Ratios are computed within a round, so they compare neighbouring runs. `report` is called with
@@ -78,13 +78,13 @@ def measure(
     figures = []
     for key, measured in values.items():
         low, middle, high = np.percentile(measured, (25, 50, 75)).tolist()
-        figures.append(Figure(*key, middle, low, high, goals[key]))
+        figures.append(Quantity(*key, middle, low, high, goals[key]))
     return figures
 
 
-def tables(figures: Iterable[Figure]) -> dict[str, str]:
+def tables(figures: Iterable[Quantity]) -> dict[str, str]:
     """Return tables in Markdown by title, with a column for each title of a figure."""
-    by_table: dict[str, dict[str, dict[str, Figure]]] = {}
+    by_table: dict[str, dict[str, dict[str, Quantity]]] = {}
     for figure in figures:
         rows = by_table.setdefault(figure.table, {})
         rows.setdefault(figure.row, {})[figure.column] = figure
@@ -98,7 +98,7 @@ def tables(figures: Iterable[Figure]) -> dict[str, str]:
     return result
 
 
-def compare(before: Sequence[Figure], after: Sequence[Figure]) -> tuple[str, int]:
+def compare(before: Sequence[Quantity], after: Sequence[Quantity]) -> tuple[str, int]:
     """Return a table of the figures in both results, and the number of those that became worse."""
     earlier = {(figure.table, figure.row, figure.column): figure for figure in before}
     rows, worse = [], 0
@@ -119,21 +119,21 @@ def compare(before: Sequence[Figure], after: Sequence[Figure]) -> tuple[str, int
     return _markdown(("", "", "", "before", "after", "ratio", ""), rows), worse
 
 
-def write(figures: Sequence[Figure], path: Path) -> None:
+def write(figures: Sequence[Quantity], path: Path) -> None:
     """Write the figures as CSV; create the folder."""
     files.make_folder(path.parent, "--csv")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(Figure.__struct_fields__)
+    writer.writerow(Quantity.__struct_fields__)
     writer.writerows(msgspec.structs.astuple(figure) for figure in figures)
     files.write(path, text.getvalue().encode(), "--csv")
 
 
-def read(path: Path) -> list[Figure]:
+def read(path: Path) -> list[Quantity]:
     """Return the figures that `write` has written."""
     try:
         rows = list(csv.DictReader(io.StringIO(path.read_text())))
-        return [msgspec.convert(row, Figure, strict=False) for row in rows]
+        return [msgspec.convert(row, Quantity, strict=False) for row in rows]
     except OSError as error:
         raise ResultsError(f"{path}: {error.strerror}") from None
     except (ValueError, csv.Error) as error:

@@ -19,7 +19,7 @@ from mecazen.robots import join_key
 from mecazen_tools.simulate import simulate
 from mecazen_tools.simulation import Simulation
 
-from mecazen_bench.harness import Row, Tables
+from mecazen_bench.harness import Columns, Tables
 from mecazen_bench.processes import HELPERS, SCENARIOS, running, spent_s, spin_until
 
 DURATION_S = 10.0
@@ -58,7 +58,7 @@ def run(blocks: int = BLOCKS, duration_s: float = DURATION_S) -> Tables:
     }
 
 
-def _ways(blocks: int) -> dict[str, Row]:
+def _ways(blocks: int) -> dict[str, Columns]:
     """Execute blocks of ticks in one process and in several, in turns, and compare them."""
     scenario = load_scenario(SCENARIOS / "back.toml", parse_settings([ENDLESS]))
     wall_s: dict[str, list[float]] = {}
@@ -107,7 +107,7 @@ def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
         )
 
 
-def _parts(name: str, settings: Mapping[str, Any]) -> dict[str, Row]:
+def _parts(name: str, settings: Mapping[str, Any]) -> dict[str, Columns]:
     """Measure the steps of each node in a tick of a scenario."""
     scenario = load_scenario(SCENARIOS / f"{name}.toml", settings)
     with ExitStack() as stack:
@@ -121,7 +121,7 @@ def _parts(name: str, settings: Mapping[str, Any]) -> dict[str, Row]:
         result, _ = simulate(scenario, name)
     total = result.wall_s / result.ticks
 
-    def share(seconds: float) -> Row:
+    def share(seconds: float) -> Columns:
         return {
             "µs/tick": (1e6 * seconds, "less"),
             "% of the tick": (100.0 * seconds / total, "less"),

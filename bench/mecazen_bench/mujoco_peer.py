@@ -12,7 +12,7 @@ from mecazen.robot import WHEEL_JOINTS, Robot
 from mecazen.rollers import Roller
 from mecazen_physics.world import GRAVITY
 
-from mecazen_bench.engine import Engine, Sample
+from mecazen_bench.engine import Engine, RobotPose
 from mecazen_bench.gazebo_peer import Shape
 
 INTEGRATOR = "implicitfast"
@@ -40,7 +40,7 @@ class MujocoEngine(Engine):
         self._data = mujoco.MjData(self._model)
         self._wheels = [int(self._model.joint(name).qposadr[0]) for name in WHEEL_JOINTS]
 
-    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> RobotPose:
         off = mujoco.mjtDisableBit.mjDSBL_ACTUATION if speeds is None else 0
         self._model.opt.disableflags = off
         begin = time.thread_time()
@@ -49,7 +49,7 @@ class MujocoEngine(Engine):
         position = self._data.qpos.tolist()
         self.spent_s += time.thread_time() - begin
         w, *xyz = position[3:7]
-        return Sample.from_pose(
+        return RobotPose.from_pose(
             position[:3], (*xyz, w), [position[index] for index in self._wheels]
         )
 

@@ -18,8 +18,8 @@ from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
 
 from mecazen_bench import gazebo_peer
-from mecazen_bench.engine import Engine, Sample, measure_accuracy, measure_speed
-from mecazen_bench.harness import Row, Tables
+from mecazen_bench.engine import Engine, RobotPose, measure_accuracy, measure_speed
+from mecazen_bench.harness import Columns, Tables
 from mecazen_bench.processes import SCENARIOS
 
 ROBOTS = ("nexus", "artbul")
@@ -40,13 +40,13 @@ class DartEngine(Engine):
         super().__init__(OURS, robot, dt_s)
         self._simulation = Simulation([(robot, Pose2D())], PhysicsConfig(dt_s=dt_s))
 
-    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> RobotPose:
         begin = time.thread_time()
         command = WheelCommand([0.0] * len(WHEELS), is_effort=True)
         self._simulation.advance([command if speeds is None else WheelCommand(speeds)], steps)
         self.spent_s += time.thread_time() - begin
         state = self._simulation.robots[0].state
-        return Sample.from_pose(
+        return RobotPose.from_pose(
             state.position, state.orientation, state.joint_position[: len(WHEELS)]
         )
 
@@ -82,11 +82,11 @@ def engines(mecanum: Robot) -> Iterator[list[Engine]]:
         yield installed
 
 
-def measure(installed: Sequence[Engine], blocks: int = BLOCKS) -> dict[str, Row]:
+def measure(installed: Sequence[Engine], blocks: int = BLOCKS) -> dict[str, Columns]:
     """Measure engines of a robot, interleaved; a row is a step and an engine."""
     accuracy = [measure_accuracy(engine) for engine in installed]
     times = measure_speed(installed, blocks)
-    rows: dict[tuple[float, str], Row] = {}
+    rows: dict[tuple[float, str], Columns] = {}
     for engine, seconds, (*gains, energy) in zip(installed, times, accuracy, strict=True):
         rows[engine.dt_s, engine.name] = {
             "µs/step": (statistics.median(seconds) * 1e6, "less"),
@@ -101,7 +101,7 @@ def measure(installed: Sequence[Engine], blocks: int = BLOCKS) -> dict[str, Row]
     }
 
 
-def _factors(dt_s: float, name: str, rows: Mapping[tuple[float, str], Row]) -> Row:
+def _factors(dt_s: float, name: str, rows: Mapping[tuple[float, str], Columns]) -> Columns:
     """Return the speed of an engine over that of ours: at the same step, and at the same error.
 
     The second is over our fastest step whose largest error of a gain is no larger.

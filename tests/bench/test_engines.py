@@ -10,7 +10,7 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen_bench import gazebo_peer, physics
-from mecazen_bench.engine import Engine, Sample, lateral_gain, measure_accuracy
+from mecazen_bench.engine import Engine, RobotPose, lateral_gain, measure_accuracy
 from mecazen_bench.gazebo_peer import GazeboEngine
 from mecazen_bench.physics import robot
 
@@ -30,7 +30,7 @@ class Ideal(Engine):
         self._speeds = self._angles = [0.0] * len(WHEELS)
         self._pose = Pose2D()
 
-    def advance(self, speeds: Sequence[float] | None, steps: int) -> Sample:
+    def advance(self, speeds: Sequence[float] | None, steps: int) -> RobotPose:
         self.spent_s += self._step_s * steps
         for _ in range(steps):
             coasting = [speed * (1.0 - self._slowing * self.dt_s) for speed in self._speeds]
@@ -41,7 +41,7 @@ class Ideal(Engine):
             moved = zip(self._angles, self._speeds, strict=True)
             self._angles = [angle + speed * self.dt_s for angle, speed in moved]
         x, y, yaw = self._pose
-        return Sample(x, y, yaw, self._angles)
+        return RobotPose(x, y, yaw, self._angles)
 
 
 @pytest.mark.parametrize("slowing", [0.0, 0.1])

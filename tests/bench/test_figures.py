@@ -3,14 +3,14 @@
 import pytest
 from mecazen.errors import MecazenError
 from mecazen_bench import harness, loop
-from mecazen_bench.harness import Figure, ResultsError, tables
+from mecazen_bench.harness import Quantity, ResultsError, tables
 from mecazen_tools.cli.app import app
 from typer.testing import CliRunner
 
 
 def figure(value, goal="less", spread=0.0, column="µs/step"):
     ends = value - spread / 2, value + spread / 2
-    return Figure("Physics", "nexus", column, value, *ends, goal)
+    return Quantity("Physics", "nexus", column, value, *ends, goal)
 
 
 def run(*words):
@@ -30,7 +30,7 @@ def test_rounds_become_medians_with_quartiles_and_are_interleaved():
     figures = harness.measure({"a": benchmark("a"), "b": benchmark("b")}, 3, reports.append)
     assert order == ["a", "b"] * 3
     assert reports[1] == "b, round 1 of 3"
-    assert figures[0] == Figure("a", "a", "place", 3.0, 2.0, 4.0, "less")
+    assert figures[0] == Quantity("a", "a", "place", 3.0, 2.0, 4.0, "less")
 
 
 @pytest.mark.parametrize(
@@ -52,9 +52,9 @@ def test_a_change_is_judged_by_the_goal_of_the_figure(before, after, goal, sprea
 
 
 def test_a_table_has_quartiles_and_empty_cells():
-    both = Figure("T", "a", "y", 0.25, 0.2, 0.3, "1")
-    figures = [Figure("T", "a", "x", 12_345.6, 12_345.6, 12_345.6, "more"), both]
-    figures.append(Figure("T", "b", "y", 0.5, 0.5, 0.5, "1"))
+    both = Quantity("T", "a", "y", 0.25, 0.2, 0.3, "1")
+    figures = [Quantity("T", "a", "x", 12_345.6, 12_345.6, 12_345.6, "more"), both]
+    figures.append(Quantity("T", "b", "y", 0.5, 0.5, 0.5, "1"))
     assert tables(figures) == {
         "T": "| | x | y |\n| --- | --- | --- |\n| a | 12,346 | 0.25 (0.2 to 0.3) |\n| b | | 0.5 |\n"
     }
@@ -66,7 +66,7 @@ def test_a_run_prints_its_tables_and_writes_its_figures(monkeypatch, tmp_path):
     done = run("run", "--only", "loop", "--csv", file)
     assert done.exit_code == 0
     assert "Loop\n\n| | µs/tick |\n| --- | --- |\n| back | 80 |\n" in done.output
-    assert harness.read(file) == [Figure("Loop", "back", "µs/tick", 80.0, 80.0, 80.0, "less")]
+    assert harness.read(file) == [Quantity("Loop", "back", "µs/tick", 80.0, 80.0, 80.0, "less")]
     with pytest.raises(MecazenError, match="fast: no such benchmark; there are loop, latency, re"):
         raise run("run", "--only", "fast").exception
 
@@ -83,6 +83,8 @@ def test_compare_shows_ratios_and_ends_with_1_where_something_became_worse(tmp_p
     assert better.exit_code == 0
     assert "| 0.800 | better |" in better.output
     assert "lost" not in better.output  # only one file has it
+    with pytest.raises(ResultsError, match="no figure is in both"):
+        harness.compare([figure(1.0)], [])
 
 
 @pytest.mark.parametrize(

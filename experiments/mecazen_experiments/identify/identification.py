@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 from mecazen_experiments.identify.data import MotorLog, Run
 from mecazen_experiments.identify.models import (
     ROLLER_COUNTS,
-    Estimate,
+    FittedValue,
     Unit,
     estimates,
     fit,
@@ -42,7 +42,7 @@ OFFSET_RUNS = 24
 class ModelResult:
     """A model's parameters, and sentences on those that are not determined."""
 
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, FittedValue]
     ambiguities: tuple[str, ...]
 
 
@@ -64,14 +64,14 @@ class Identification:
     robot: str
     runs: int
     duration_s: float
-    offset_s: Estimate
+    offset_s: FittedValue
     """Offset of the reference's clock ahead of that of the wheels."""
     models: Mapping[str, ModelResult]
     rollers: Mapping[int, Interval]
     """By number of rollers: log-likelihood of the most likely number minus that of this number, for
     all windows, with its interval over sessions."""
     sessions: tuple[SessionResult, ...]
-    motors: Mapping[str, Estimate]
+    motors: Mapping[str, FittedValue]
     """Parameters of the motors, if commands are recorded."""
     notes: tuple[str, ...]
 
@@ -149,7 +149,7 @@ def independent_units(runs: Sequence[Run], units: Sequence[Unit], offset_s: floa
     return [(group, total(parts)) for (_, group), parts in by_session.items()]
 
 
-def clock_offset(robot: Robot, runs: Sequence[Run]) -> Estimate:
+def clock_offset(robot: Robot, runs: Sequence[Run]) -> FittedValue:
     """Return the offset by which the reference's clock is ahead of that of the wheels."""
     chosen = runs[:: math.ceil(len(runs) / OFFSET_RUNS)]
 
@@ -167,7 +167,7 @@ def clock_offset(robot: Robot, runs: Sequence[Run]) -> Estimate:
     windows = sum(part.count for _, part in run_units(chosen, 0.0))
     bend = windows * (cost(best + step) + cost(best - step) - 2.0 * cost(best)) / step**2
     half = 1.96 / math.sqrt(bend) if bend > 0.0 else math.inf
-    return Estimate(best, best - half, best + half, half)
+    return FittedValue(best, best - half, best + half, half)
 
 
 def _roller_counts(robot: Robot, runs: Sequence[Run], units: Sequence[Unit]) -> dict[int, Interval]:

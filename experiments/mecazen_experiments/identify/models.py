@@ -97,7 +97,7 @@ def lateral(robot: Robot) -> Model:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class FittedValue:
     """A parameter with its 95 % interval."""
 
     value: float
@@ -147,7 +147,7 @@ def fit(model: Model, units: Sequence[Unit]) -> Fit:
     return _fit(model, _sums(units))
 
 
-def estimates(fitted: Fit, units: Sequence[Unit]) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+def estimates(fitted: Fit, units: Sequence[Unit]) -> tuple[dict[str, FittedValue], tuple[str, ...]]:
     """Return the parameters with intervals, and sentences on undetermined parameters.
 
     Args:
@@ -165,7 +165,7 @@ def estimates(fitted: Fit, units: Sequence[Unit]) -> tuple[dict[str, Estimate], 
         fitted.by_name.items(), jackknife(values, units), np.diag(spread), strict=True
     ):
         half = interval.high - interval.mean if len(units) > 1 else math.nan
-        result[name] = Estimate(value, value - half, value + half, 1.96 * math.sqrt(variance))
+        result[name] = FittedValue(value, value - half, value + half, 1.96 * math.sqrt(variance))
     return result, ambiguities([*result], spread)
 
 

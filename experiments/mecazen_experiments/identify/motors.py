@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from mecazen_experiments.identify.data import Array, MotorLog
-from mecazen_experiments.identify.models import Estimate, ambiguities, covariance
+from mecazen_experiments.identify.models import FittedValue, ambiguities, covariance
 from mecazen_experiments.identify.windows import SIDES, TURNS
 
 MAX_DELAY_S = 0.2
@@ -71,7 +71,7 @@ def _late(values: Array, steps: int) -> Array:
     return np.concatenate([np.zeros((steps, values.shape[1])), values[: len(values) - steps]])
 
 
-def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, FittedValue], tuple[str, ...]]:
     """Return the parameters of the motors, and sentences on undetermined parameters.
 
     Intervals are from the curvature. Friction is included if efforts are recorded.
@@ -106,11 +106,11 @@ def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, Estimate], tupl
     return result, lines
 
 
-def _estimate(value: float, half: float) -> Estimate:
-    return Estimate(float(value), float(value - half), float(value + half), float(half))
+def _estimate(value: float, half: float) -> FittedValue:
+    return FittedValue(float(value), float(value - half), float(value + half), float(half))
 
 
-def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, Estimate]:
+def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, FittedValue]:
     """Return Coulomb and viscous friction from the efforts while the robot drives steadily ahead.
 
     In these intervals rollers do not spin, and nothing accelerates. Wheels with different gains
@@ -143,7 +143,7 @@ def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, Estimate]:
     }
 
 
-def identified_motors(parameters: Mapping[str, Estimate]) -> RealMotors:
+def identified_motors(parameters: Mapping[str, FittedValue]) -> RealMotors:
     """Return the motors of the robot file."""
     values = {name: max(estimate.value, 0.0) for name, estimate in parameters.items()}
     gains = [round(values[f"gain of {wheel}"], 5) for wheel in WHEELS]

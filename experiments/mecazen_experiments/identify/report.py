@@ -19,7 +19,7 @@ from mecazen_experiments.identify.identification import (
     SessionResult,
     mean_gain,
 )
-from mecazen_experiments.identify.models import ROLLER_COUNTS, Estimate, rollers_gain
+from mecazen_experiments.identify.models import ROLLER_COUNTS, FittedValue, rollers_gain
 from mecazen_experiments.identify.validate import HORIZON_S, Validation
 from mecazen_experiments.statistics import Interval
 
@@ -97,7 +97,7 @@ def identification_lines(result: Identification) -> Iterator[str]:
         yield from (f"\n- {line}" for line in model.ambiguities)
 
 
-def _estimate(estimate: Estimate, scale: float = 1.0) -> str:
+def _estimate(estimate: FittedValue, scale: float = 1.0) -> str:
     value = f"{scale * estimate.value:.5g}"
     if math.isnan(estimate.low):
         return value

@@ -17,7 +17,7 @@ from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
 
 from mecazen_experiments.identify.data import Array, Run
-from mecazen_experiments.identify.models import Estimate
+from mecazen_experiments.identify.models import FittedValue
 from mecazen_experiments.identify.windows import TURNS, shifted
 
 ROLLER_SHARE = 0.3
@@ -61,7 +61,7 @@ def mounted(poses: Array, mounting: Array) -> Array:
 
 
 def identified_robot(
-    robot: Robot, parameters: Mapping[str, Estimate], count: int, run: Run
+    robot: Robot, parameters: Mapping[str, FittedValue], count: int, run: Run
 ) -> Robot:
     """Return the robot file with the identified radius, lever and number of rollers.
 

@@ -79,23 +79,15 @@ def total(moments: Iterable[Moments]) -> Moments:
     return reduce(Moments.__add__, moments)
 
 
-def blocks(run: Run, offset_s: float = 0.0, size: int = BLOCK) -> list[Moments]:
-    """Return the moments of blocks of consecutive windows.
-
-    Args:
-        run: The run.
-        offset_s: Offset of the reference's clock ahead of that of the wheels [s].
-        size: Number of windows of a block.
-    """
+def blocks(run: Run, offset_s: float = 0.0) -> list[Moments]:
+    """Return the moments of blocks of consecutive windows; `offset_s` is that of `cut`."""
     moved, slopes = cut(run, offset_s)
-    return [
-        _moments(moved[begin : begin + size], slopes[begin : begin + size])
-        for begin in range(0, len(moved), size)
-    ]
+    begins = range(0, len(moved), BLOCK)
+    return [_moments(moved[begin:][:BLOCK], slopes[begin:][:BLOCK]) for begin in begins]
 
 
 def moments(run: Run, offset_s: float = 0.0) -> Moments:
-    """Return the moments of all windows of a run; `offset_s` is that of `blocks`."""
+    """Return the moments of all windows of a run; `offset_s` is that of `cut`."""
     return _moments(*cut(run, offset_s))
 
 
@@ -111,6 +103,10 @@ def _moments(moved: Array, slopes: Array) -> Moments:
 
 def cut(run: Run, offset_s: float = 0.0) -> tuple[Array, Array]:
     """Return the motion Δx, Δy, Δθ of the reference in consecutive windows, and its slopes.
+
+    Args:
+        run: The run.
+        offset_s: Offset of the reference's clock ahead of that of the wheels [s].
 
     Returns:
         The motion [m, m, rad] (m, 3), and its derivatives with respect to the coefficients
