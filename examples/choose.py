@@ -52,7 +52,7 @@ def likelihood(modes: list[Mode], runs: Frames) -> float:
     return float(np.mean(logs))
 
 
-def changed(trial: optuna.Trial) -> list[Mode]:
+def changed(trial: optuna.trial.BaseTrial) -> list[Mode]:
     """Return the modes with the constants of a trial."""
     modes = []
     for number, mode in enumerate(MODES):

@@ -83,8 +83,8 @@ def expand(
 
     The settings of a study may use values as `$NAME`: those that a case defines, those that it
     varies, drawn by the seed, `$seed` itself, and the follower's place beside a person at the
-    origin (`$bearing_deg`, `$x_m`, `$y_m` and `$yaw_deg`). All rows of a case have the same values for a
-    seed, so they can be compared in pairs.
+    origin (`$bearing_deg`, `$x_m`, `$y_m` and `$yaw_deg`). All rows of a case have the same values
+    for a seed, so they can be compared in pairs.
 
     Args:
         study: The study.

@@ -175,7 +175,7 @@ def test_recorded_person_moves_as_people_do(file):
         if speed < STANDING_M_S / 2:  # well away from where walking begins within a knot
             assert motion.twist.yaw == 0.0
         sideways += abs(motion.twist.y) * 0.01
-    # While they turn to set off, and where they shuffle below 0.2 m/s, in which the heading is held.
+    # While they turn to set off, and where they shuffle: below 0.2 m/s the heading is held.
     assert sideways < 0.1 * track.at(track.duration).distance
 
 

@@ -136,7 +136,7 @@ class Following:
         return planned
 
     def _heading_held(self, person: Estimate, robot: Pose2D) -> Estimate:
-        """Return the person, if their heading is unknown with that for which the robot stands right.
+        """Return the person, with an unknown heading as that for which the robot stands right.
 
         The robot then keeps its distance, and does not go round a person who hardly walks.
         """
