@@ -31,7 +31,7 @@ from mecazen.wire import Stamp, decode, encode
 ROOT = Path(__file__).parents[1]
 ROBOTS = ROOT / "configs" / "robots"
 SCENARIOS = ROOT / "configs" / "scenarios"
-COMMAND_GUARD_S = 60.0
+COMMAND_GUARD_S = 180.0
 """Far beyond what any command takes: only a hang gets there."""
 
 
