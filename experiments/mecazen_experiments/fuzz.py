@@ -25,7 +25,7 @@ from mecazen.runtime.schedule import Schedule
 from mecazen.schema import NonNegative, Section
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import encode
-from mecazen_tools.observe import PELVIS, PersonOverTime, Samples, collect
+from mecazen_tools.observe import PersonOverTime, Samples, collect
 from mecazen_tools.plane import Plane
 from mecazen_tools.simulation import Simulation
 from mecazen_tools.table import Table
@@ -87,7 +87,8 @@ def fuzz(job: Job) -> dict[str, float | str]:
     touched = contacts(scenario.robot, robot, person, table.tick_s)
     solids = scenario.world.obstacles
     walls = np.min([gap_to_obstacle(scenario.robot, robot, solid) for solid in solids], axis=0)
-    distance = np.hypot(*(person.joints[:, PELVIS, :2].T - np.stack(robot[:2])))
+    target = table.poses("target")
+    distance = np.hypot(target.x - robot.x, target.y - robot.y)
     closing = -np.gradient(distance, table.tick_s)[touched.rows]
     reduced = {state.header.stamp.ns for state in samples[GUARD_STATE.key] if state.factor < 1.0}
     return {
