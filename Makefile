@@ -200,7 +200,7 @@ lint: .venv/developer
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
-	.venv/bin/mecazen bench check
+	.venv/bin/python results/make.py --check
 
 format: .venv/developer
 	.venv/bin/ruff check --fix .
@@ -209,11 +209,11 @@ format: .venv/developer
 bench: .venv/developer
 	@.venv/bin/mecazen bench run $(BENCH)
 
-results: .venv/developer $(if $(filter-out bench-peers,$(ONLY)),,gazebo)
-	@.venv/bin/mecazen bench results $(ONLY:%=--only %) $(SCHEDULER:%=--scheduler %)
+results: .venv/developer $(if $(filter-out bench-physics,$(ONLY)),,gazebo)
+	@.venv/bin/python results/make.py $(ONLY) $(CLUSTER:%=--cluster %)
 
 results-check: .venv/developer
-	@.venv/bin/mecazen bench check $(if $(RELEASE),--release)
+	@.venv/bin/python results/make.py --check $(if $(RELEASE),--stale)
 
 bench-peers: .venv/developer gazebo
 	@.venv/bin/mecazen bench run --only physics $(BENCH)

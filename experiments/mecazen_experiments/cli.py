@@ -98,7 +98,7 @@ def run(
         study,
         seeds=seeds,
         walks=walks,
-        settings=settings or (),
+        set=settings or (),
         sweep=sweep or (),
         only=only or (),
     )

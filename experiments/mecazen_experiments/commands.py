@@ -57,21 +57,27 @@ class Options(NamedTuple):
     """Folder for a recording of the first run of each row."""
 
 
-def run(
-    options: Options,
+def expanded(
     name: str,
-    *,
     seeds: str | None,
     walks: Path | None,
-    settings: Sequence[str],
+    set: Sequence[str],  # noqa: A002  # the option's name
     sweep: Sequence[str],
     only: Sequence[str],
-) -> None:
-    """Run a study; print its tables, and write its frame, figures and films on demand."""
+) -> tuple[Study, list[Job]]:
+    """Return a study and its runs; the arguments are those of the command."""
     study = chosen(load_study(study_path(name)), only)
-    _refuse_unwritable(study, name, options)
     walk_files = recordings(walks)
-    jobs = expand(study, parse_seeds(seeds), tuple(settings), parse_sweeps(sweep), walk_files)
+    return study, expand(study, parse_seeds(seeds), tuple(set), parse_sweeps(sweep), walk_files)
+
+
+def run(options: Options, name: str, **choice: Any) -> None:
+    """Run a study; print its tables, and write its frame, figures and films on demand.
+
+    `choice` are further arguments of `expanded`.
+    """
+    _refuse_unwritable(load_study(study_path(name)), name, options)
+    study, jobs = expanded(name, **choice)
 
     def check(job: Job, columns: Columns) -> None:
         tables.check(study, frame.read(study, frame.to_csv([job], {job.key: columns})))
@@ -154,6 +160,7 @@ def _refuse_unwritable(study: Study, name: str, options: Options) -> None:
         raise ConfigError(f"--csv {options.csv}: no such folder")
     if options.figures is not None and not study.figures:
         raise ConfigError(f"--figures: {name} has no [[figure]]")
+    figures.check(study)
     if options.films is not None and not all(case.scenario for case in study.cases):
         raise ConfigError(f"--films: {name} has a case without a scenario")
     for option, folder in (("--figures", options.figures), ("--films", options.films)):

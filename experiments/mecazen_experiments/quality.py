@@ -156,10 +156,7 @@ def _gait_errors(true: Stage, filtered: Stage | None, refined: Stage | None) -> 
         for name, value in GAITS.items():
             columns[f"{prefix}_{name}"] = None if each is None else value(each)
     spreads = []
-    for prefix, each in (
-        ("true", truth),
-        ("filtered", None if filtered is None else filtered.gait),
-    ):
+    for prefix, each in (("true", truth), ("filtered", before)):
         sd = None if each is None else each.sd("stride_time_s")
         columns[f"{prefix}_stride_time_sd_ms"] = None if sd is None else 1e3 * sd
         spreads.append(sd)

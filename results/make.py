@@ -1,0 +1,190 @@
+"""Makes the results that documents show: `make results`, `make results-check`.
+
+A stage of stages.toml is a command of `mecazen` that writes results/STAGE.csv. A document shows its
+tables between `<!-- results: STAGE -->`, or `<!-- results: STAGE TITLE -->` for one of them, and
+`<!-- /results -->`. Any other table or picture needs a line `<!-- by hand: REASON -->` before it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import tomli_w
+from mecazen.errors import MecazenError
+from mecazen.files import read_text, read_toml
+from mecazen_bench import harness
+from mecazen_experiments import commands, frame, tables
+from mecazen_experiments.study import load_study, study_path
+from mecazen_experiments.versions import version
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(
+    r"(<!-- results: (?P<stage>\S+)(?: (?P<title>[^\n]+))? -->\n)(?P<text>.*?)(<!-- /results -->)",
+    re.DOTALL,
+)
+IGNORED = re.compile(r"^ *```.*?^ *```|<!-- graph: \w+ -->\n.*?<!-- /graph -->", re.DOTALL | re.M)
+DELIMITER, PICTURE = re.compile(r"\|( *:?-+:? *\|)+"), re.compile(r"!\[[^\]]*\]\(([^)]+)\)")
+BY_HAND = re.compile(r"<!-- by hand: \S.* -->")
+
+
+class Results:
+    """The stages, the origins of their results, and the documents of a project."""
+
+    def __init__(self, root: Path) -> None:
+        self.root, self.folder = root, root / "results"
+        self.stages: dict[str, Any] = read_toml(self.folder / "stages.toml")
+        self.origins: dict[str, Any] = read_toml(self.folder / "origins.toml")
+        self.documents = [*sorted((root / "docs").glob("*.md")), root / "README.md"]
+
+    def words(self, stage: str) -> list[str]:
+        """Return the words of a stage's command, without those of the environment that lack."""
+        command: str = self.stages[stage]["command"]
+        return [Template(word).substitute(os.environ) for word in shlex.split(command)]
+
+    def key(self, stage: str) -> str:
+        """Return a hash of all that the result of a stage depends on: code, data, configuration."""
+        group, _, *words = self.words(stage)
+        if group == "bench":
+            return version(f"mecazen_bench.{stage.removeprefix('bench-')}")[:16]
+        options = argparse.ArgumentParser()
+        options.add_argument("name")
+        for option in ("seeds", "walks", "figures"):
+            options.add_argument(f"--{option}", type=None if option == "seeds" else Path)
+        for option in ("set", "sweep", "only"):
+            options.add_argument(f"--{option}", action="append", default=[])
+        chosen = vars(options.parse_args(words))
+        del chosen["figures"]
+        _, jobs = commands.expanded(**chosen)
+        return hashlib.sha256(" ".join(sorted(job.key for job in jobs)).encode()).hexdigest()[:16]
+
+    def made(self, stage: str) -> dict[str, str]:
+        """Return the tables of a stage in Markdown, by title."""
+        file = self.folder / f"{stage}.csv"
+        group, _, name, *_ = shlex.split(self.stages[stage]["command"])
+        if group == "bench":
+            return harness.tables(harness.read(file))
+        study = load_study(study_path(name))
+        runs = frame.read(study, read_text(file))
+        return {table.title: tables.markdown(table) for table in tables.make_tables(study, runs)}
+
+    def updated(self, text: str) -> str:
+        """Return a document with the tables of the results; those of stages without one stay."""
+
+        def block(match: re.Match[str]) -> str:
+            stage, title = match["stage"], match["title"]
+            if not (self.folder / f"{stage}.csv").exists():
+                return match[0]
+            made, origin = self.made(stage), self.origins[stage]
+            if title is not None and title not in made:
+                raise MecazenError(f"{stage}: no table {title!r}; there are {', '.join(made)}")
+            text = "\n".join(made.values() if title is None else [made[title]])
+            source = f"Commit {origin['commit']}, {origin['date']}: {origin['machine']}"
+            return f"{match[1]}{text}\n{source}\n{match[5]}"
+
+        return BLOCK.sub(block, text)
+
+    def problems(self) -> Iterator[str]:
+        """Yield each table and picture of the documents that does not match its origin."""
+        drawn = {f: sha for o in self.origins.values() for f, sha in o.get("figures", {}).items()}
+        shown: dict[str, str] = {}
+        for path in self.documents:
+            text, name = path.read_text(), path.relative_to(self.root)
+            for match in BLOCK.finditer(IGNORED.sub("", text)):
+                shown[match["stage"]] = shown.get(match["stage"], "") + match["text"]
+            if {*shown} <= {*self.stages} and self.updated(text) != text:
+                yield f"{name}: a table is not that of its result; `make results` writes it"
+            for pattern in (IGNORED, BLOCK):
+                text = pattern.sub(lambda match: "\n" * match[0].count("\n"), text)
+            lines = ["", "", *text.splitlines()]
+            for number, line in enumerate(lines[2:], 1):
+                if DELIMITER.fullmatch(line) and not BY_HAND.fullmatch(lines[number - 1]):
+                    yield f"{name}:{number - 1}: this table needs a line <!-- by hand: REASON -->"
+                for picture in PICTURE.findall(line):
+                    file = str((path.parent / picture).resolve().relative_to(self.root))
+                    if drawn.get(file, _sha256(self.root / file)) != _sha256(self.root / file):
+                        yield f"{name}:{number}: {picture} is not the figure of its result"
+                    if file not in drawn and not BY_HAND.fullmatch(lines[number]):
+                        yield f"{name}:{number}: this picture needs <!-- by hand: REASON -->"
+        for stage in sorted({*self.stages} ^ {*shown}):
+            yield f"stage {stage} is {'shown nowhere' if stage in self.stages else 'not in stages'}"
+        for stage, text in shown.items():
+            kept = self.origins.get(stage, {}).get("text")
+            if kept is not None and kept != hashlib.sha256(text.encode()).hexdigest()[:16]:
+                yield f"stage {stage}: its tables are not those of the last result"
+
+    def stale(self, stage: str) -> str:
+        """Return why the result of a stage is not that of this code; empty if it is."""
+        if not (self.folder / f"{stage}.csv").exists():
+            return "no result yet"
+        try:
+            changed = self.origins[stage].get("key") != self.key(stage)
+        except KeyError as missing:
+            return f"not known without {missing.args[0]} in the environment"
+        return f"inputs have changed since commit {self.origins[stage]['commit']}" * changed
+
+    def run(self, stage: str, more: list[str]) -> None:
+        """Run a stage; write its result, its origin and the documents."""
+        words, key = self.words(stage), self.key(stage)
+        words += ["--csv", f"results/{stage}.csv", *(more if words[0] == "experiment" else ())]
+        commit = _git(self.root, "describe", "--always", "--dirty=+", "--exclude=*")
+        subprocess.run([sys.executable, "-m", "mecazen_tools", *words], check=True, cwd=self.root)
+        figures = {
+            file: _sha256(self.root / file) for file in self.stages[stage].get("figures", ())
+        }
+        self.origins[stage] = {
+            "commit": commit,
+            "date": _git(self.root, "show", "--no-patch", "--format=%cs"),
+            "machine": f"{harness.machine()}.",
+            "key": key,
+            **({"figures": figures} if figures else {}),
+        }
+        (self.folder / "origins.toml").write_text(tomli_w.dumps(self.origins))
+        for path in self.documents:
+            path.write_text(self.updated(path.read_text()))
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else "missing"
+
+
+def _git(root: Path, *words: str) -> str:
+    call = ["git", *words]
+    done = subprocess.run(call, check=True, cwd=root, capture_output=True, text=True)
+    return done.stdout.strip()
+
+
+def main(arguments: list[str]) -> None:
+    """Check the documents, list stale stages, or run stages."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("stages", nargs="*", help="stages to run; all stale ones by default")
+    options.add_argument("--check", action="store_true", help="check the documents, run nothing")
+    options.add_argument("--stale", action="store_true", help="fail if a result is stale")
+    options.add_argument("--cluster", help="address of a Dask scheduler")
+    chosen, results = options.parse_args(arguments), Results(ROOT)
+    if unknown := sorted({*chosen.stages} - {*results.stages}):
+        sys.exit(f"{unknown[0]}: no such stage; stages: {', '.join(results.stages)}")
+    problems = list(results.problems()) if chosen.check else []
+    for stage in chosen.stages or results.stages if not chosen.check or chosen.stale else ():
+        if why := results.stale(stage):
+            print(f"{stage}: {why}", flush=True)
+            problems += [f"{stage} is stale"] * chosen.stale
+            if not (chosen.check or chosen.stale):
+                results.run(stage, ["--cluster", chosen.cluster] if chosen.cluster else [])
+    sys.exit("\n".join(problems) or 0)
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1:])
+    except (MecazenError, subprocess.CalledProcessError) as error:
+        sys.exit(f"error: {error}")
