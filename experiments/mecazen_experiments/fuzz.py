@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -270,8 +271,9 @@ def freeze(sim: Simulation, seed: int) -> list[tuple[str, range]]:
 def _skip(service: Service, ticks: range) -> None:
     """Skip the turns of a service in some ticks."""
     for turn in service.turns:
+        triggered = partial(_is_triggered, ticks, turn.is_triggered)
+        turn.is_triggered = triggered  # type: ignore[method-assign]
 
-        def is_triggered(tick: int, before: Any = turn.is_triggered) -> bool:
-            return tick not in ticks and before(tick)
 
-        turn.is_triggered = is_triggered  # type: ignore[method-assign]
+def _is_triggered(skipped: range, before: Callable[[int], bool], tick: int) -> bool:
+    return tick not in skipped and before(tick)
