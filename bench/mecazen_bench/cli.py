@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -36,10 +35,7 @@ def run(
     csv: Annotated[
         Path | None,
         typer.Option(
-            "--csv",
-            metavar="FILE",
-            help="Write all figures here, for `compare`.",
-            show_default="none",
+            metavar="FILE", help="Write all figures here, for `compare`.", show_default="none"
         ),
     ] = None,
 ) -> None:
@@ -53,7 +49,6 @@ def run(
     if unknown := set(chosen) - set(BENCHMARKS):
         known = ", ".join(BENCHMARKS)
         raise MecazenError(f"--only {min(unknown)}: no such benchmark; there are {known}")
-    before = os.getloadavg()
     figures = harness.measure(
         {name: import_module(f"mecazen_bench.{name}").run for name in chosen},
         rounds,
@@ -61,8 +56,7 @@ def run(
     )
     for title, table in harness.tables(figures).items():
         typer.echo(f"{title}\n\n{table}")
-    load = (" ".join(f"{value:.2f}" for value in each) for each in (before, os.getloadavg()))
-    typer.echo(f"{harness.machine()};\nload {' before, '.join(load)} after.")
+    typer.echo(harness.machine())
     if csv is not None:
         harness.write(figures, csv)
 

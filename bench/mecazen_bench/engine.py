@@ -44,7 +44,7 @@ class Sample(NamedTuple):
     wheels: Sequence[float]
 
     @classmethod
-    def of(
+    def from_pose(
         cls, position: Sequence[float], quaternion: Sequence[float], wheels: Sequence[float]
     ) -> Sample:
         """Return the sample of a position (x, y, z) and an orientation (x, y, z, w)."""

@@ -22,8 +22,10 @@ LEAST = 0.001
 """Relative change that is ignored: computed figures have no spread, unlike timed ones, but differ
 in their last digits between processors and library versions."""
 
-Tables = Mapping[str, Mapping[str, Mapping[str, tuple[float, str]]]]
-"""Values and goals by table, row and column, as a benchmark measures them in a round."""
+Row = dict[str, tuple[float, str]]
+"""Values and goals by column."""
+Tables = dict[str, dict[str, Row]]
+"""Rows by table and name, as a benchmark measures them in a round."""
 
 
 class ResultsError(MecazenError):

@@ -20,7 +20,7 @@ from mecazen.geometry import Twist2D
 from mecazen.messages import JointState, Twist
 from mecazen.wire import JSON_ENCODING, Stamp, encode
 
-from mecazen_bench.harness import Tables
+from mecazen_bench.harness import Row, Tables
 from mecazen_bench.processes import running, set_priority, spin, spin_until
 
 PUTS = 500
@@ -90,7 +90,7 @@ def drive(scenario: Scenario, puts: int) -> list[float | None]:
     return latencies
 
 
-def percentiles(latencies: Sequence[float | None]) -> dict[str, tuple[float, str]]:
+def percentiles(latencies: Sequence[float | None]) -> Row:
     """Return the percentiles of the result of `drive`."""
     answered = [latency * 1e3 for latency in latencies if latency is not None]
     half, most = np.percentile(answered, (50, 99)).tolist()

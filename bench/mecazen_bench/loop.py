@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from statistics import median
 from typing import Any
 
 import numpy as np
 from mecazen import keys
-from mecazen.config import Scenario
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.files import to_value
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.messages import StepRequest
+from mecazen.messages import Empty, StepRequest
 from mecazen.programs import classes
+from mecazen.robots import join_key
 from mecazen_tools.simulate import simulate
 from mecazen_tools.simulation import Simulation
 
-from mecazen_bench.harness import Tables
-from mecazen_bench.processes import HELPERS, SCENARIOS, paused, running, spent_s
+from mecazen_bench.harness import Row, Tables
+from mecazen_bench.processes import HELPERS, SCENARIOS, running, spent_s, spin_until
 
 DURATION_S = 10.0
 ONE = "in one process"
@@ -57,13 +58,16 @@ def run(blocks: int = BLOCKS, duration_s: float = DURATION_S) -> Tables:
     }
 
 
-def _ways(blocks: int) -> dict[str, dict[str, tuple[float, str]]]:
+def _ways(blocks: int) -> dict[str, Row]:
     """Execute blocks of ticks in one process and in several, in turns, and compare them."""
     scenario = load_scenario(SCENARIOS / "back.toml", parse_settings([ENDLESS]))
     wall_s: dict[str, list[float]] = {}
     spent: dict[str, list[float]] = {}
     with ExitStack() as exits:
-        ways = {ONE: exits.enter_context(_in_one_process(scenario))}
+        sim = exits.enter_context(Simulation(scenario))
+        ways: dict[str, Way] = {
+            ONE: (lambda ticks: sim.run(ticks * scenario.sim.tick_s), time.thread_time)
+        }
         for name, groups in GROUPS.items():
             ways[name] = exits.enter_context(_in_processes(groups))
         for block in range(1 + blocks):
@@ -87,17 +91,15 @@ def _ways(blocks: int) -> dict[str, dict[str, tuple[float, str]]]:
 
 
 @contextmanager
-def _in_one_process(scenario: Scenario) -> Iterator[Way]:
-    with Simulation(scenario) as sim:
-        yield lambda ticks: sim.run(ticks * scenario.sim.tick_s), time.thread_time
-
-
-@contextmanager
 def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
     grouped = (f"processes={to_value(groups)}",) if groups else ()
-    with ExitStack() as exits:
-        stack = exits.enter_context(running("back", 'sim.mode="lockstep"', ENDLESS, *grouped))
-        bus = exits.enter_context(paused(stack))
+    with (
+        running("back", 'sim.mode="lockstep"', ENDLESS, *grouped) as stack,
+        closing(ZenohBus(stack.scenario.bus)) as bus,
+    ):
+        ready = {join_key(f"{service}/ready", robot) for service, robot in stack.scenario.parts}
+        spin_until(bus, lambda: bus.alive() >= ready, "the services do not start")
+        bus.call(keys.SIM_PAUSE, Empty())
         processes = [p for name, p in stack.processes().items() if name not in HELPERS]
         yield (
             lambda ticks: bus.call(keys.SIM_STEP, StepRequest(ticks=ticks)),
@@ -105,7 +107,7 @@ def _in_processes(groups: tuple[tuple[str, ...], ...]) -> Iterator[Way]:
         )
 
 
-def _parts(name: str, settings: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, str]]]:
+def _parts(name: str, settings: Mapping[str, Any]) -> dict[str, Row]:
     """Measure the steps of each node in a tick of a scenario."""
     scenario = load_scenario(SCENARIOS / f"{name}.toml", settings)
     with ExitStack() as stack:
@@ -119,7 +121,7 @@ def _parts(name: str, settings: Mapping[str, Any]) -> dict[str, dict[str, tuple[
         result, _ = simulate(scenario, name)
     total = result.wall_s / result.ticks
 
-    def share(seconds: float) -> dict[str, tuple[float, str]]:
+    def share(seconds: float) -> Row:
         return {
             "µs/tick": (1e6 * seconds, "less"),
             "% of the tick": (100.0 * seconds / total, "less"),

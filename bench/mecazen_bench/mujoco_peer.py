@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal
 
 import mujoco
 from mecazen.links import base_link, lump, robot_links
@@ -17,8 +16,7 @@ from mecazen_bench.engine import Engine, Sample
 from mecazen_bench.gazebo_peer import Shape
 
 INTEGRATOR = "implicitfast"
-Settings = Literal["default", "elliptic", "elliptic, noslip"]
-OPTIONS: Mapping[Settings, Mapping[str, str]] = {
+OPTIONS: Mapping[str, Mapping[str, str]] = {
     "default": {},
     "elliptic": {"cone": "elliptic", "impratio": "10"},
     "elliptic, noslip": {"cone": "elliptic", "impratio": "10", "noslip_iterations": "3"},
@@ -35,9 +33,7 @@ MESH_RINGS, MESH_SEGMENTS = 33, 48
 class MujocoEngine(Engine):
     """A robot in MuJoCo."""
 
-    def __init__(
-        self, robot: Robot, dt_s: float, shape: Shape, settings: Settings = "default"
-    ) -> None:
+    def __init__(self, robot: Robot, dt_s: float, shape: Shape, settings: str = "default") -> None:
         name = f"MuJoCo, {shape}" + (f", {settings}" if settings != "default" else "")
         super().__init__(name, robot, dt_s)
         self._model = mujoco.MjModel.from_xml_string(mjcf(robot, dt_s, shape, settings))
@@ -53,16 +49,18 @@ class MujocoEngine(Engine):
         position = self._data.qpos.tolist()
         self.spent_s += time.thread_time() - begin
         w, *xyz = position[3:7]
-        return Sample.of(position[:3], (*xyz, w), [position[index] for index in self._wheels])
+        return Sample.from_pose(
+            position[:3], (*xyz, w), [position[index] for index in self._wheels]
+        )
 
 
-def mjcf(robot: Robot, dt_s: float, shape: Shape, settings: Settings = "default") -> str:
+def mjcf(robot: Robot, dt_s: float, shape: Shape, settings: str = "default") -> str:
     """Return the robot on flat ground as MJCF."""
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     gravity = _text([0.0, 0.0, -GRAVITY])
-    own = {"timestep": str(dt_s), "gravity": gravity, "integrator": INTEGRATOR}
-    ET.SubElement(root, "option", {**own, **OPTIONS[settings]})
+    common = {"timestep": str(dt_s), "gravity": gravity, "integrator": INTEGRATOR}
+    ET.SubElement(root, "option", {**common, **OPTIONS[settings]})
     contact = ET.SubElement(ET.SubElement(root, "default"), "geom")
     contact.set("solref", f"{CONTACT_TIME_CONSTANT_STEPS * dt_s} 1")
     contact.set("friction", _text([robot.rollers.contact_friction, 0.0, 0.0]))

@@ -1,4 +1,4 @@
-"""Cost per step, smoothness and gains of our physics at several steps, beside other engines."""
+"""Cost per step and gains of our physics at several steps, beside other engines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mecazen_physics.simulation import Simulation
 
 from mecazen_bench import gazebo_peer
 from mecazen_bench.engine import Engine, Sample, measure_accuracy, measure_speed
-from mecazen_bench.harness import Tables
+from mecazen_bench.harness import Row, Tables
 from mecazen_bench.processes import SCENARIOS
 
 ROBOTS = ("nexus", "artbul")
@@ -27,7 +27,6 @@ OURS = "mecazen"
 STEPS_S = (0.0005, 0.001, 0.0025, MAX_DT_S)
 MUJOCO_STEPS_S = (0.001, MAX_DT_S)
 GAZEBO_STEP_S = 0.001
-"""Gazebo's default."""
 BLOCKS = 5
 
 GAINS = ("forward", "lateral / predicted", "yaw / predicted")
@@ -47,7 +46,9 @@ class DartEngine(Engine):
         self._simulation.advance([command if speeds is None else WheelCommand(speeds)], steps)
         self.spent_s += time.thread_time() - begin
         state = self._simulation.robots[0].state
-        return Sample.of(state.position, state.orientation, state.joint_position[: len(WHEELS)])
+        return Sample.from_pose(
+            state.position, state.orientation, state.joint_position[: len(WHEELS)]
+        )
 
 
 def run() -> Tables:
@@ -81,13 +82,11 @@ def engines(mecanum: Robot) -> Iterator[list[Engine]]:
         yield installed
 
 
-def measure(
-    installed: Sequence[Engine], blocks: int = BLOCKS
-) -> dict[str, dict[str, tuple[float, str]]]:
+def measure(installed: Sequence[Engine], blocks: int = BLOCKS) -> dict[str, Row]:
     """Measure engines of a robot, interleaved; a row is a step and an engine."""
     accuracy = [measure_accuracy(engine) for engine in installed]
     times = measure_speed(installed, blocks)
-    rows: dict[tuple[float, str], dict[str, tuple[float, str]]] = {}
+    rows: dict[tuple[float, str], Row] = {}
     for engine, seconds, (*gains, energy) in zip(installed, times, accuracy, strict=True):
         rows[engine.dt_s, engine.name] = {
             "µs/step": (statistics.median(seconds) * 1e6, "less"),
@@ -102,9 +101,7 @@ def measure(
     }
 
 
-def _factors(
-    dt_s: float, name: str, rows: Mapping[tuple[float, str], Mapping[str, tuple[float, str]]]
-) -> dict[str, tuple[float, str]]:
+def _factors(dt_s: float, name: str, rows: Mapping[tuple[float, str], Row]) -> Row:
     """Return the speed of an engine over that of ours: at the same step, and at the same error.
 
     The second is over our fastest step whose largest error of a gain is no larger.

@@ -8,20 +8,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import clock_gettime
 from typing import NamedTuple
 
 import psutil
-from mecazen import keys
 from mecazen.bus import Bus
-from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
 from mecazen.errors import MecazenError
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.messages import Empty
-from mecazen.robots import join_key
 from mecazen_tools.processes import private_router
 
 SCENARIOS = Path(__file__).parents[2] / "configs" / "scenarios"
@@ -51,13 +47,7 @@ class Stack(NamedTuple):
 
 @contextmanager
 def running(name: str, *settings: str, shows: bool = False) -> Iterator[Stack]:
-    """Run a scenario as a user does, isolated from any other run.
-
-    Args:
-        name: Name of the scenario.
-        settings: Settings as those of --set.
-        shows: Whether a viewer runs as well.
-    """
+    """Run a scenario as a user does, isolated from any other run; `shows` adds the viewer."""
     settings = (*settings, *private_router())
     scenario = load_scenario(SCENARIOS / f"{name}.toml", parse_settings(settings))
     flags = [f"--set={setting}" for setting in settings] + ["--no-viewer"] * (not shows)
@@ -69,16 +59,6 @@ def running(name: str, *settings: str, shows: bool = False) -> Iterator[Stack]:
     finally:
         up.send_signal(signal.SIGINT)
         up.wait()
-
-
-@contextmanager
-def paused(stack: Stack) -> Iterator[ZenohBus]:
-    """Pause a stack once all its services are ready, and yield a bus on which to resume it."""
-    ready = {join_key(f"{service}/ready", robot) for service, robot in stack.scenario.parts}
-    with closing(ZenohBus(stack.scenario.bus)) as bus:
-        spin_until(bus, lambda: bus.alive() >= ready, "the services do not start")
-        bus.call(keys.SIM_PAUSE, Empty())
-        yield bus
 
 
 def spin(bus: Bus, seconds: float) -> None:

@@ -16,16 +16,8 @@ from mecazen.messages import Clock, Odometry
 from mecazen.wire import NS_PER_S, Stamp
 
 from mecazen_bench.harness import Tables
-from mecazen_bench.processes import (
-    Stack,
-    running,
-    set_priority,
-    spent_s,
-    spin,
-    spin_until,
-)
+from mecazen_bench.processes import running, set_priority, spent_s, spin, spin_until
 
-VIEWER = "viewer"
 WARM_S = 2.0
 WINDOW_S = 5.0
 
@@ -47,7 +39,15 @@ def _measure(name: str, viewer: tuple[str, ...], window_s: float) -> Tables:
             first_odom_s, _ = receiver.submit(_receive, stack.scenario, WARM_S).result()
             if viewer:
                 with closing(ZenohBus(stack.scenario.bus)) as bus:
-                    spin_until(bus, lambda: _serves(stack), "the viewer does not serve")
+                    # Rerun's server is a process of the viewer's
+                    spin_until(
+                        bus,
+                        lambda: any(
+                            child.name() == "viewer" and child.children()
+                            for child in stack.up.children(recursive=True)
+                        ),
+                        "the viewer does not serve",
+                    )
             processes, since = stack.processes(), time.monotonic()
             before = {name: spent_s(process) for name, process in processes.items()}
             _, late_ms = receiver.submit(_receive, stack.scenario, window_s).result()
@@ -72,11 +72,6 @@ def _measure(name: str, viewer: tuple[str, ...], window_s: float) -> Tables:
         "p99 ms": (most, "less"),
     }
     return {f"Processes: {title}": rows, f"Start and schedule: {title}": {"mecazen up": schedule}}
-
-
-def _serves(stack: Stack) -> bool:
-    """Return whether the viewer has started Rerun's server, a process of its own."""
-    return any(process.children() for name, process in stack.processes().items() if name == VIEWER)
 
 
 def _receive(scenario: Scenario, seconds: float) -> tuple[float, list[float]]:

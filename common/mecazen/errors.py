@@ -21,7 +21,7 @@ LIBRARIES = {
     "recorder": "mcap",
     "ros2": "rosbags",
     "studies": "joblib",
-    "bench": "distributed",
+    "bench": "psutil",
 }
 """A library of each extra, by extra; the extra of a service has the service's name."""
 

@@ -23,7 +23,7 @@ def gait(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Write TRC, MOT, C3D, CSV and JSON files there.",
+            help="Write TRC, CSV and JSON files there, and C3D with the extra c3d.",
             show_default="none",
         ),
     ] = None,
@@ -38,21 +38,13 @@ def gait(
     from mecazen_recorder.reader import Recording  # noqa: PLC0415
     from mecazen_tools.cli.options import console  # noqa: PLC0415
 
-    from mecazen_experiments.gait import export as exporting  # noqa: PLC0415
-    from mecazen_experiments.gait.recorded import read_walk  # noqa: PLC0415
-    from mecazen_experiments.gait.report import report  # noqa: PLC0415
+    from mecazen_experiments.gait import report  # noqa: PLC0415
+    from mecazen_experiments.gait.stages import read_walk  # noqa: PLC0415
 
     walk = read_walk(Recording(file), run, robot)
-    console(100).print(*report(walk, file.name), sep="\n")
+    console(100).print(*report.report(walk, file.name), sep="\n")
     if export is not None:
-        about = {
-            "recording": file.name,
-            "run": walk.run,
-            "seed": walk.seed,
-            "view": walk.view,
-            "bearing_deg": walk.bearing_deg,
-            "distance_m": walk.distance_m,
-            "seen_percent": walk.seen_percent,
-        }
-        for written in exporting.export(export, walk.stages, about):
+        about = {"recording": file.name, "view": walk.view, **walk._asdict()}
+        del about["stages"], about["reported_percent"]
+        for written in report.export(export, walk.stages, about):
             typer.echo(written)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, SIDES
 from mecazen_tools.table import Floats
 from scipy.signal import find_peaks
@@ -22,9 +23,9 @@ DOUBT = 0.25
 """Relative difference of a stride's time from the median of its side above which it is doubtful."""
 CONTACT_M = 0.001
 """Height of the lowest point of a true foot below which the foot touches the floor [m]."""
+NEAR_S = 0.2
+"""Largest delay between an event and the same event by another method [s]."""
 BALLS = tuple(INDEX[f"{side}_foot"] for side in SIDES)
-
-
 STRIKE_EARLY_S, OFF_LATE_S = 0.021, 0.030
 """Mean times by which `zeni` finds strikes too early and offs too late.
 
@@ -40,25 +41,26 @@ class Events(NamedTuple):
 
     def corrected(self) -> Events:
         """Return events of `zeni` without their mean errors."""
-        (a, b), (c, d) = self
-        strikes, offs = (a + STRIKE_EARLY_S, b + STRIKE_EARLY_S), (c - OFF_LATE_S, d - OFF_LATE_S)
-        return Events(strikes, offs)
+        (left, right), (left_off, right_off) = self
+        early, late = STRIKE_EARLY_S, OFF_LATE_S
+        return Events((left + early, right + early), (left_off - late, right_off - late))
 
-    def each(self, of: Callable[[Floats], Floats]) -> Events:
-        """Return the events with `of` applied to the times of each kind."""
-        (a, b), (c, d) = self
-        return Events((of(a), of(b)), (of(c), of(d)))
+    def each(self, function: Callable[[Floats], Floats]) -> Events:
+        """Return the events with a function applied to the times of each kind."""
+        (left, right), (left_off, right_off) = self
+        return Events((function(left), function(right)), (function(left_off), function(right_off)))
 
-    def less(self, others: Events) -> tuple[float | None, float | None]:
-        """Return the mean delays of strikes and of offs after the nearest events of others [s].
+    def less(self, reference: Events) -> tuple[float | None, float | None]:
+        """Return the mean delays of strikes and of offs after the nearest events of a reference.
 
-        Events that are more than 0.2 s from any other count as missed; None without any.
+        Events that are more than 0.2 s from any of the reference count as missed; None without any
+        pair of events.
         """
         strikes, offs = (
-            np.concatenate([_differences(*both) for both in zip(mine, theirs, strict=True)])
-            for mine, theirs in zip(self, others, strict=True)
+            np.concatenate([_delays(*pair) for pair in zip(times, references, strict=True)])
+            for times, references in zip(self, reference, strict=True)
         )
-        return tuple(float(of.mean()) if len(of) else None for of in (strikes, offs))  # type: ignore[return-value]
+        return _mean(strikes), _mean(offs)
 
 
 class Cycle(NamedTuple):
@@ -94,8 +96,8 @@ def zeni(t: Floats, walk: WalkOnPath) -> Events:
             _peaks(t, values, 0.6 * rate_hz / frequency)
             for values in (ahead, lowpass(ahead, rate_hz, STEADY_STRIDES * frequency))
         )
-        apart = _differences(exact, steady)
-        return steady + (apart.mean() if len(apart) else 0.0)
+        delays = _delays(exact, steady)
+        return steady + (delays.mean() if len(delays) else 0.0)
 
     left, right = (farthest(heel, 1.0) for heel in HEELS)
     left_off, right_off = (farthest(ball, -1.0) for ball in BALLS)
@@ -120,40 +122,44 @@ def planted(t: Floats, joints: Floats) -> Events:
 
 def cycles(events: Events) -> list[Cycle]:
     """Return all strides with complete events and plausible times, the left foot's first."""
-    found = []
-    for side, other in ((0, 1), (1, 0)):
+    complete = []
+    for side, opposite in ((0, 1), (1, 0)):
         usual = np.median(np.diff(events.strikes[side])) if len(events.strikes[side]) > 1 else 0.0
         for strike, end in pairwise(events.strikes[side].tolist()):
             time = end - strike
             if abs(time - usual) > DOUBT * usual:
                 continue
-            opposite_off = _only(events.offs[other], strike - 0.2 * time, strike + 0.45 * time)
-            opposite_strike = _only(events.strikes[other], strike, end)
+            opposite_off = _only(events.offs[opposite], strike - 0.2 * time, strike + 0.45 * time)
+            opposite_strike = _only(events.strikes[opposite], strike, end)
             off = _only(events.offs[side], strike + 0.4 * time, end + 0.05 * time)
             if opposite_off is not None and opposite_strike is not None and off is not None:
-                found.append(Cycle(side, strike, opposite_off, opposite_strike, off, end))
-    return found
+                complete.append(Cycle(side, strike, opposite_off, opposite_strike, off, end))
+    return complete
 
 
-def _differences(times: Floats, others: Floats) -> Floats:
-    """Return the difference of each time from the nearest other time, if below 0.2 s."""
-    apart = times[:, None] - others
-    if not len(others):
+def _delays(times: Floats, reference: Floats) -> Floats:
+    """Return the delay of each time after the nearest time of a reference, if below 0.2 s."""
+    if not len(reference):
         return np.empty(0)
+    apart = times[:, None] - reference
     nearest: Floats = apart[np.arange(len(times)), abs(apart).argmin(axis=1)]
-    return nearest[abs(nearest) < 0.2]
+    return nearest[abs(nearest) < NEAR_S]
+
+
+def _mean(values: Floats) -> float | None:
+    return float(values.mean()) if len(values) else None
 
 
 def _only(times: Floats, low: float, high: float) -> float | None:
-    """Return the time between two others; None if there is none, or more than one."""
+    """Return the only time between two limits; None if there is none, or more than one."""
     inside = times[(times > low) & (times < high)]
     return float(inside[0]) if len(inside) == 1 else None
 
 
 def _peaks(t: Floats, values: Floats, distance: float) -> Floats:
     """Return the times of the peaks of values, at least `distance` samples apart."""
-    found: npt.NDArray[np.int64]
-    found, _ = find_peaks(values, distance=max(distance, 1.0), prominence=PROMINENCE * values.std())
-    before, at, after = values[found - 1], values[found], values[found + 1]
-    part = (before - after) / (2.0 * np.minimum(before - 2.0 * at + after, -1e-12))
-    return np.asarray(t[found] + part * (t[1] - t[0]))
+    at: npt.NDArray[np.int64]
+    at, _ = find_peaks(values, distance=max(distance, 1.0), prominence=PROMINENCE * values.std())
+    before, peak, after = values[at - 1], values[at], values[at + 1]
+    part = (before - after) / (2.0 * np.minimum(before - 2.0 * peak + after, -1e-12))
+    return np.asarray(t[at] + part * (t[1] - t[0]))

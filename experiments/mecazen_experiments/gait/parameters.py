@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from statistics import fmean, stdev
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, SIDES
-from mecazen_tools.table import Floats
+from scipy.interpolate import make_interp_spline
 
 from mecazen_experiments.gait.events import BALLS, Cycle, Events, cycles
 from mecazen_experiments.gait.path import HEELS
@@ -20,6 +21,8 @@ MID_STANCE = 0.4, 0.6
 """Part of the stance over which the position of a standing foot is averaged."""
 MID_SWING = 0.25, 0.75
 """Part of the swing in which the minimum height of the ball of the foot is searched."""
+SAMPLES = 21
+"""Number of samples in a part."""
 
 
 class Stride(msgspec.Struct, frozen=True):
@@ -95,11 +98,6 @@ class Spread(msgspec.Struct, frozen=True):
     """None for a single stride."""
     strides: int
 
-    @property
-    def cv_percent(self) -> float | None:
-        """The coefficient of variation."""
-        return None if self.sd is None else 1e2 * self.sd / abs(self.mean)
-
 
 class Gait(msgspec.Struct, frozen=True):
     """Parameters of a walk, by side and by their names in `PARAMETERS`."""
@@ -134,90 +132,76 @@ def strides(t: Floats, joints: Floats, events: Events, seen: Floats | None = Non
         events: Strikes and offs; strides with a missing event are left out.
         seen: Whether each leg is seen (n, 2); None if both are always seen.
     """
-    found = cycles(events)
-    places = _interpolation(t, joints)
+    spline = make_interp_spline(t, joints, k=1)
+    complete = cycles(events)
 
-    def standing(cycle: Cycle) -> Floats:
-        """Return the mean position of a foot's ankle and ball (2, 3) in mid-stance."""
-        places_of_all = places(*_part(cycle.strike, cycle.off, MID_STANCE))
-        place: Floats = places_of_all[:, [ANKLES[cycle.side], BALLS[cycle.side]]].mean(axis=0)
-        return place
+    def during(begin: float, end: float, part: tuple[float, float], count: int) -> Floats:
+        """Return the joints (count, 20, 3) [m] at even times in a part of an interval."""
+        times = np.linspace(begin + part[0] * (end - begin), begin + part[1] * (end - begin), count)
+        places: Floats = spline(np.clip(times, t[0], t[-1]))
+        return places
 
-    stances = [(cycle, standing(cycle)) for cycle in found]
+    def stance(cycle: Cycle) -> Floats:
+        """Return the mean positions (2, 3) of ankle and ball in mid-stance."""
+        places = during(cycle.strike, cycle.off, MID_STANCE, SAMPLES)
+        mean: Floats = places[:, [ANKLES[cycle.side], BALLS[cycle.side]]].mean(axis=0)
+        return mean
 
-    def stride(cycle: Cycle, stand: Floats) -> Stride:
+    stances = [stance(cycle) for cycle in complete]
+
+    def stride(cycle: Cycle, foot: Floats) -> Stride:
         side, strike, opposite_off, opposite_strike, off, end = cycle
-        first, last = places(strike, end, 2)
+        time, share = end - strike, 1e2 / (end - strike)
+        first, last = during(strike, end, (0.0, 1.0), 2)
         forward = (last - first)[0, :2]
         forward /= math.hypot(*forward)
-        heel, other = last[HEELS[side], :2], last[HEELS[1 - side], :2]
-        time, length = end - strike, float((heel - first[HEELS[side], :2]) @ forward)
-        nexts = [
+        heel, opposite_heel = last[HEELS[side], :2], last[HEELS[1 - side], :2]
+        length = float((heel - first[HEELS[side], :2]) @ forward)
+        opposite = [
             place
-            for one, place in stances
-            if one.side != side and abs(one.strike - opposite_strike) < 0.1 * time
+            for step, place in zip(complete, stances, strict=True)
+            if step.side != side and abs(step.strike - opposite_strike) < 0.1 * time
         ]
         width = None
-        if nexts:
-            x, y = (stand - nexts[0])[0, :2]
+        if opposite:
+            x, y = (foot - opposite[0])[0, :2]
             width = float(forward[0] * y - forward[1] * x) * (1 - 2 * side)
-        ball = places(*_part(off, end, MID_SWING))[:, BALLS[side], 2]
+        ball = during(off, end, MID_SWING, SAMPLES)[:, BALLS[side], 2]
         frames = slice(*np.searchsorted(t, (strike, end)))
-        share = 1e2 / time
         return Stride(
             *(SIDES[side], strike, opposite_off, opposite_strike, off, end, time, length),
             speed_m_s=length / time,
             cadence_per_min=120.0 / time,
             step_time_s=end - opposite_strike,
-            step_length_m=float((heel - other) @ forward),
+            step_length_m=float((heel - opposite_heel) @ forward),
             step_width_m=width,
             stance_percent=share * (off - strike),
             swing_percent=share * (end - off),
             double_support_percent=share * (opposite_off - strike + off - opposite_strike),
             single_support_percent=share * (opposite_strike - opposite_off),
-            clearance_m=float(ball.min() - stand[1, 2]),
+            clearance_m=float(ball.min() - foot[1, 2]),
             seen_percent=1e2 if seen is None else 1e2 * float(seen[frames, side].mean()),
         )
 
-    return [stride(*one) for one in stances]
+    return [stride(*pair) for pair in zip(complete, stances, strict=True)]
 
 
-def summary(found: Iterable[Stride]) -> Gait | None:
+def summary(strides: Iterable[Stride]) -> Gait | None:
     """Return means and deviations over strides; None without strides of both sides."""
     by_side: dict[str, list[Stride]] = {side: [] for side in SIDES}
-    for stride in found:
+    for stride in strides:
         by_side[stride.side].append(stride)
-    sides = {side: _spreads(of) for side, of in by_side.items()}
-    if any(len(of) < len(PARAMETERS) for of in sides.values()):
+    sides = {side: _spreads(rows) for side, rows in by_side.items()}
+    if any(len(spreads) < len(PARAMETERS) for spreads in sides.values()):
         return None
     return Gait(**sides)
 
 
-def _spreads(found: Sequence[Stride]) -> dict[str, Spread]:
+def _spreads(strides: Sequence[Stride]) -> dict[str, Spread]:
     spreads = {}
     for name in PARAMETERS:
-        values = [value for one in found if (value := getattr(one, name)) is not None]
+        values = [value for stride in strides if (value := getattr(stride, name)) is not None]
         if values:
             sd = stdev(values) if len(values) > 1 else None
             spreads[name] = Spread(fmean(values), sd, len(values))
     return spreads
-
-
-def _part(begin: float, end: float, part: tuple[float, float]) -> tuple[float, float, int]:
-    """Return begin and end of a part of an interval, and the number of samples in it."""
-    return begin + part[0] * (end - begin), begin + part[1] * (end - begin), 21
-
-
-def _interpolation(t: Floats, joints: Floats) -> Callable[[float, float, int], Floats]:
-    """Return a function that returns the joints at equidistant times, linear between frames."""
-    flat = joints.reshape(len(t), -1)
-
-    def at(begin: float, end: float, count: int) -> Floats:
-        times = np.linspace(begin, end, count)
-        place = np.clip((times - t[0]) / (t[1] - t[0]), 0.0, len(t) - 1.0)
-        low = np.minimum(place.astype(np.int64), len(t) - 2)
-        part = (place - low)[:, None]
-        values: Floats = (1.0 - part) * flat[low] + part * flat[low + 1]
-        return values.reshape(count, *joints.shape[1:])
-
-    return at

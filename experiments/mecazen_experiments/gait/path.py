@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, SIDES
 from mecazen_tools.table import Floats
 from scipy.signal import butter, sosfiltfilt
@@ -32,17 +33,19 @@ class WalkOnPath(NamedTuple):
     """The path (n, 2) [m]."""
     forward: Floats
     """Direction of the path (n, 2), of length 1."""
-    speed: float
-    """Mean speed along the path [m/s]."""
 
     def about(self, joints: Floats) -> Floats:
         """Transform joints (n, 20, 3) from the level frame to coordinates relative to the path."""
-        moved = joints[..., :2] - self.origin[:, None]
-        return np.stack((*_turned(moved, self.forward, -1.0), joints[..., 2]), axis=-1)
+        c, s = self.forward[:, :1], self.forward[:, 1:]
+        x, y = np.moveaxis(joints[..., :2] - self.origin[:, None], -1, 0)
+        return np.stack((c * x + s * y, c * y - s * x, joints[..., 2]), axis=-1)
 
     def placed(self, joints: Floats) -> Floats:
         """Transform joints from coordinates relative to the path to the level frame."""
-        return np.stack((*_turned(joints, self.forward, 1.0, self.origin), joints[..., 2]), axis=-1)
+        c, s = self.forward[:, :1], self.forward[:, 1:]
+        x, y, z = np.moveaxis(joints, -1, 0)
+        origin_x, origin_y = self.origin[:, :1], self.origin[:, 1:]
+        return np.stack((c * x - s * y + origin_x, s * x + c * y + origin_y, z), axis=-1)
 
 
 def lowpass(values: Floats, rate_hz: float, cutoff_hz: float) -> Floats:
@@ -78,7 +81,7 @@ def about_path(joints: Floats, rate_hz: float) -> WalkOnPath | None:
     left = leftward(joints)
     if np.median(forward[:, 0] * left[:, 1] - forward[:, 1] * left[:, 0]) < 0.0:
         forward = -forward
-    walk = WalkOnPath(joints, origin, forward, float(speeds.mean()))
+    walk = WalkOnPath(joints, origin, forward)
     return walk._replace(joints=walk.about(joints))
 
 
@@ -90,14 +93,3 @@ def stride_frequency(walk: WalkOnPath, rate_hz: float) -> float:
     frequencies = np.fft.rfftfreq(size, 1.0 / rate_hz)
     power[(frequencies < STRIDE_HZ[0]) | (frequencies > STRIDE_HZ[1])] = 0.0
     return float(frequencies[np.argmax(power)])
-
-
-def _turned(
-    vectors: Floats, forward: Floats, sign: float, origin: Floats | float = 0.0
-) -> tuple[Floats, Floats]:
-    """Return x and y of horizontal vectors (n, k, ≥2) turned by ± the yaw of `forward`."""
-    c, s = forward[:, :1], sign * forward[:, 1:]
-    x, y = c * vectors[..., 0] - s * vectors[..., 1], s * vectors[..., 0] + c * vectors[..., 1]
-    if isinstance(origin, float):
-        return x, y
-    return x + origin[:, :1], y + origin[:, 1:]

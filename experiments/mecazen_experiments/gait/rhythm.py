@@ -10,6 +10,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, SIDES
 from mecazen_tools.table import Floats
 
@@ -34,7 +35,7 @@ class Rhythm(NamedTuple):
 
     even: Floats
     """Even times (n,) [s], spaced by the mean time of half a stride."""
-    own: Floats
+    actual: Floats
     """Times (n,) [s] at which the walker reaches the phases of the even times."""
 
     def regular(self, times: Floats) -> Floats:
@@ -45,11 +46,11 @@ class Rhythm(NamedTuple):
         if not len(times):
             return times
         stride = 2.0 * (self.even[1] - self.even[0])
-        phases = np.interp(times, self.own, self.even) / stride
+        phases = np.interp(times, self.actual, self.even) / stride
         mean = np.angle(np.exp(2j * np.pi * phases).mean()) / (2.0 * np.pi)
         first, last = np.rint(phases[[0, -1]] - mean)
         even = stride * (mean + np.arange(first, last + 1.0))
-        regular: Floats = np.interp(even, self.even, self.own)
+        regular: Floats = np.interp(even, self.even, self.actual)
         return regular
 
 
@@ -63,38 +64,37 @@ def rhythm(seen: Motion, walk: WalkOnPath) -> Rhythm:
     stride, series = cycle(seen, walk)
     order = len(series) // 2
     faster = math.tau / stride * np.arange(1, order + 1)[:, None, None]
-    slope = np.zeros_like(series)
-    slope[1 : 1 + order], slope[1 + order :] = (
-        faster * series[1 + order :],
-        -faster * series[1 : 1 + order],
-    )
+    zero, cosines, sines = np.split(series, (1, 1 + order))
+    slope = np.concatenate((np.zeros_like(zero), faster * sines, -faster * cosines))
 
     rows, legs = seen.reported, np.ix_(range(len(seen.t)), LEGS, SAGITTAL)
     joints = walk.about(seen.joints)[legs][rows]
     std = np.sqrt(CORRELATED * (seen.std[rows][:, LEGS, None] ** 2 + STRIDE_STD_M**2))
     t, half = seen.t[rows], stride / 2.0
     even = seen.t[0] + half * np.arange(math.ceil((seen.t[-1] - seen.t[0]) / half) + 1)
-    usual = np.diff(np.eye(len(even)), axis=0) / (STEP_STD * half)
+    prior = np.diff(np.eye(len(even)), axis=0) / (STEP_STD * half)
 
-    own = even
+    knots = even
     for _ in range(ITERATIONS):
-        n = np.clip(np.searchsorted(own, t, side="right") - 1, 0, len(own) - 2)
-        length = own[n + 1] - own[n]
-        part = (t - own[n]) / length
+        n = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+        length = knots[n + 1] - knots[n]
+        part = (t - knots[n]) / length
         # derivative: decrease of the elapsed cycle at each time if a knot is later
-        less = np.zeros((len(t), len(own)))
+        less = np.zeros((len(t), len(knots)))
         less[np.arange(len(t)), n] = (1.0 - part) * half / length
         less[np.arange(len(t)), n + 1] = part * half / length
-        places, speeds = (at(even[n] + part * half, stride, of) for of in (series, slope))
-        wrong = (joints - places[:, LEGS][..., SAGITTAL]) / std
-        weights = np.sqrt(np.minimum(1.0, OUTLIER / CORRELATED**0.5 / np.maximum(abs(wrong), 1e-9)))
+        places, speeds = (at(even[n] + part * half, stride, terms) for terms in (series, slope))
+        errors = (joints - places[:, LEGS][..., SAGITTAL]) / std
+        weights = np.sqrt(
+            np.minimum(1.0, OUTLIER / CORRELATED**0.5 / np.maximum(abs(errors), 1e-9))
+        )
         speeds = weights / std * speeds[:, LEGS][..., SAGITTAL]
-        system = (-speeds[..., None] * less[:, None, None]).reshape(-1, len(own))
+        system = (-speeds[..., None] * less[:, None, None]).reshape(-1, len(knots))
         later = np.linalg.lstsq(
-            np.concatenate((system, usual)),
-            np.concatenate(((weights * wrong).ravel(), -usual @ (own - even))),
+            np.concatenate((system, prior)),
+            np.concatenate(((weights * errors).ravel(), -prior @ (knots - even))),
             rcond=None,
         )[0]
-        steps = np.maximum(np.diff(own + later), SHORTEST * half)
-        own = own[0] + later[0] + np.concatenate(([0.0], np.cumsum(steps)))
-    return Rhythm(even, own)
+        steps = np.maximum(np.diff(knots + later), SHORTEST * half)
+        knots = knots[0] + later[0] + np.concatenate(([0.0], np.cumsum(steps)))
+    return Rhythm(even, knots)

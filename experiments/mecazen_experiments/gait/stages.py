@@ -1,22 +1,35 @@
-"""A walk at each stage of its estimation: joints, events and strides."""
+"""A walk at each stage of its estimation, and the longest walk of a recording."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from mecazen.skeleton import INDEX, SIDES
-from mecazen_tools.table import Floats
+import numpy.typing as npt
+from mecazen.keys import ODOM, SKELETONS, TARGET_SKELETON
+from mecazen.messages import Message
+from mecazen.portable import Floats
+from mecazen.robots import split_key
+from mecazen.skeleton import INDEX, JOINTS, SIDES
+from mecazen_recorder.reader import Recording
+from mecazen_recorder.writer import RecordingError
 
-from mecazen_experiments.capture import SEEN, Motion
+from mecazen_experiments.capture import SEEN, Motion, motions
 from mecazen_experiments.gait.events import Events, planted, zeni
 from mecazen_experiments.gait.parameters import Gait, Stride, strides, summary
-from mecazen_experiments.gait.path import about_path
+from mecazen_experiments.gait.path import PATH_HZ, about_path, lowpass
 from mecazen_experiments.gait.rhythm import rhythm
 from mecazen_experiments.refine import refine, smooth
+from mecazen_tools.table import Poses
 
 LEGS = [[INDEX[f"{s}_{name}"] for name in ("knee", "ankle", "heel", "foot")] for s in SIDES]
 """Joints that a leg's strides need."""
+WALKS_M_S = 0.25
+"""Speed along the path above which a person walks."""
+BEGIN_S, END_S = 1.5, 0.5
+"""Times left out at the beginning and end of a walk, while the speed changes [s]."""
+VIEWS = ("front", "front left", "left", "back left", "back", "back right", "right", "front right")
 
 
 class Stage(NamedTuple):
@@ -40,8 +53,7 @@ class Stage(NamedTuple):
 def true_stage(truth: Motion) -> Stage:
     """Return the truth, with the events of the planted feet."""
     events = planted(truth.t, truth.joints)
-    found = strides(truth.t, truth.joints, events)
-    return Stage(truth.t, truth.joints, events, tuple(found))
+    return Stage(truth.t, truth.joints, events, tuple(strides(truth.t, truth.joints, events)))
 
 
 def seen_stages(seen: Motion) -> dict[str, Stage]:
@@ -51,18 +63,120 @@ def seen_stages(seen: Motion) -> dict[str, Stage]:
     and is low-passed. `refined` is the result of `refine`. Events are corrected for their mean
     errors, and those of `filtered` follow the rhythm of the strides.
     """
-    found = {"raw": Stage(seen.t, seen.joints)}
+    stages = {"raw": Stage(seen.t, seen.joints)}
     legs_seen = np.stack([(seen.confidence[:, leg] == SEEN).all(axis=1) for leg in LEGS], axis=-1)
     for name, joints in (("filtered", smooth(seen)), ("refined", refine(seen))):
         if joints is None:
             continue
-        found[name] = Stage(seen.t, joints)
+        stages[name] = Stage(seen.t, joints)
         if (walk := about_path(joints, seen.rate_hz)) is not None:
             events = zeni(seen.t, walk).corrected()
             if name == "filtered":
                 events = events.each(rhythm(seen, walk).regular)
-            of = tuple(strides(seen.t, joints, events, legs_seen))
-            found[name] = Stage(seen.t, joints, events, of)
-    if "filtered" in found:
-        found["raw"] = found["raw"]._replace(events=found["filtered"].events)
-    return found
+            rows = tuple(strides(seen.t, joints, events, legs_seen))
+            stages[name] = Stage(seen.t, joints, events, rows)
+    if "filtered" in stages:
+        stages["raw"] = stages["raw"]._replace(events=stages["filtered"].events)
+    return stages
+
+
+class RecordedWalk(NamedTuple):
+    """The longest walk of a recorded run."""
+
+    stages: dict[str, Stage]
+    """`raw`, `filtered`, `refined` and, if it was recorded, `truth`."""
+    run: int
+    seed: int
+    bearing_deg: float
+    """Direction to the robot, relative to straight ahead of the person; positive to the left."""
+    distance_m: float
+    """Mean distance from the pelvis to the robot."""
+    seen_percent: dict[str, float]
+    """Share of the frames in which each joint is in view and not hidden."""
+    reported_percent: float
+    """Share of the frames with a body."""
+
+    @property
+    def view(self) -> str:
+        """The side of the person that the robot sees."""
+        return VIEWS[round(self.bearing_deg / 45.0) % len(VIEWS)]
+
+
+def read_walk(recording: Recording, run: int | None = None, robot: str = "") -> RecordedWalk:
+    """Return the longest walk of a run, by default of the last one.
+
+    Raises:
+        RecordingError: There is no such run, or the data of the body tracker was not recorded.
+    """
+    run, seed, messages = _messages(recording, run, robot)
+    truth, seen = motions(messages[TARGET_SKELETON.key], messages[SKELETONS.key])  # type: ignore[arg-type]
+    odom = [(m.header.stamp.ns / 1e9, *m.pose.pose.to_planar()) for m in messages[ODOM.key]]  # type: ignore[attr-defined]
+    times, *columns = np.array(odom).T
+    seen = seen.evenly()
+    at = np.minimum(np.searchsorted(times, seen.t - 1e-6), len(times) - 1)
+    robots = Poses(*(column[at] for column in columns))
+    seen = seen.placed(robots)
+    rows = _walked(seen)
+    if rows is None:
+        raise RecordingError(f"{recording.path}: nobody walks for 3 s in run {run}")
+    seen, robots = seen.where(rows), Poses(*(column[rows] for column in robots))
+    stages = seen_stages(seen)
+    if len(truth.t):
+        inside = (truth.t >= seen.t[0]) & (truth.t <= seen.t[-1])
+        stages = {"truth": true_stage(truth.where(inside)), **stages}
+    pelvis = seen.joints[seen.reported, 0, :2]
+    ahead_x, ahead_y = pelvis[-1] - pelvis[0]
+    to_robot = np.stack((robots.x, robots.y), axis=-1)[seen.reported] - pelvis
+    x, y = to_robot.mean(axis=0)
+    bearing = math.atan2(ahead_x * y - ahead_y * x, ahead_x * x + ahead_y * y)
+    shares = (1e2 * (seen.confidence == SEEN).mean(axis=0)).tolist()
+    return RecordedWalk(
+        stages,
+        run,
+        seed,
+        math.degrees(bearing),
+        float(np.hypot(*to_robot.T).mean()),
+        dict(zip(JOINTS, shares, strict=True)),
+        1e2 * float(seen.reported.mean()),
+    )
+
+
+def _messages(
+    recording: Recording, run: int | None, robot: str
+) -> tuple[int, int, dict[str, list[Message]]]:
+    """Return a run, its seed and its messages by key; raises as `read_walk`."""
+    topics = {topic.key: topic for topic in (ODOM, SKELETONS, TARGET_SKELETON)}
+    runs: dict[int, tuple[int, dict[str, list[Message]]]] = {}
+    for sample in recording.samples():
+        if sample.stamp is None:
+            continue
+        number = sample.stamp.run
+        name, key = split_key(sample.key, recording.robots(number))
+        if name == robot and key in topics:
+            _, messages = runs.setdefault(number, (sample.stamp.seed, {key: [] for key in topics}))
+            with recording.reading(sample):
+                messages[key].append(sample.message(topics[key].type))
+    if run is None:
+        run = next(reversed(runs), 0)
+    if run not in runs:
+        known = ", ".join(map(str, runs)) or "none"
+        raise RecordingError(f"{recording.path}: no body in run {run}; runs with one: {known}")
+    seed, messages = runs[run]
+    for topic in (ODOM, SKELETONS):
+        if not messages[topic.key]:
+            raise RecordingError(f"{recording.path}: nothing on {topic.key} in run {run}")
+    return run, seed, messages
+
+
+def _walked(seen: Motion) -> npt.NDArray[np.int64] | None:
+    """Return the frames of the longest walk; None if it is shorter than 3 s."""
+    joints = smooth(seen)
+    if joints is None:
+        return None
+    path = lowpass(joints[:, 0, :2], seen.rate_hz, PATH_HZ)
+    walks = np.hypot(*np.gradient(path, axis=0).T) * seen.rate_hz > WALKS_M_S
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], walks, [False])).astype(int)))
+    parts = edges.reshape(-1, 2).tolist()
+    begin, end = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
+    begin, end = begin + round(BEGIN_S * seen.rate_hz), end - round(END_S * seen.rate_hz)
+    return np.arange(begin, end) if end - begin >= 3.0 * seen.rate_hz else None

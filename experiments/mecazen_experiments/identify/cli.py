@@ -7,8 +7,6 @@ from typing import Annotated
 
 import msgspec
 import typer
-from mecazen.config import ControllerConfig
-from mecazen.errors import ConfigError
 from mecazen.loading import given_file, load_table
 from mecazen.robot import Robot
 from typer import Argument, Option
@@ -18,13 +16,13 @@ from typer import Argument, Option
 
 def identify(
     sources: Annotated[
-        list[Path] | None,
+        list[Path],
         Argument(
             metavar="FILE…",
             help="Recordings (MCAP), CSV files, or folders of sessions.",
             show_default=False,
         ),
-    ] = None,
+    ],
     robot: Annotated[
         str, Option(metavar="ROBOT", help="The robot file from which a fit begins.")
     ] = "nexus",
@@ -39,10 +37,6 @@ def identify(
             help="Fit to every second session, and report the drift on all others.",
         ),
     ] = False,
-    plan: Annotated[
-        Path | None,
-        Option(metavar="FILE.csv", help="Write the excitation, and no more.", show_default=False),
-    ] = None,
 ) -> None:
     """Identify a robot's kinematics and motors; write a report and a robot file.
 
@@ -62,28 +56,25 @@ def identify(
     from mecazen_experiments.identify.simulate import identified_robot  # noqa: PLC0415
     from mecazen_experiments.identify.validate import validate as validated  # noqa: PLC0415
 
-    if plan is not None:
-        files.write(plan, motors.plan_csv(motors.plan(ControllerConfig())).encode(), "--plan")
-        return
-    if not sources:
-        raise ConfigError("identify needs recordings, or --plan FILE.csv")
     base = load_table(given_file(robot, "robot"), Robot)
     runs, logs = data.read(sources)
     files.make_folder(out, "--out")
     if validate:
         validation, changed = validated(base, runs)
-        typer.echo("\n".join(report.validation_lines(validation)))
-        written = report.write_validation(validation, changed, out)
+        result, sessions = validation.identification, validation.sessions
+        name, lines = "validation.md", [*report.validation_lines(validation)]
+        typer.echo("\n".join(lines))
     else:
         result = kinematics.identify(base, runs, logs)
+        sessions = result.sessions
         changed = identified_robot(base, result.geometry.parameters, result.roller_count, runs[0])
         if result.motors:
             real = motors.identified_motors(result.motors)
             changed = msgspec.structs.replace(changed, motors=real)
+        name, lines = "report.md", [*report.identification_lines(result)]
         typer.echo(f"lateral over forward gain: {report.interval(result.lateral_gain, 4)}")
         typer.echo(f"most likely number of rollers: {result.roller_count}")
         for note in result.notes:
             typer.echo(note, err=True)
-        written = report.write_identification(result, changed, out)
-    for file in written:
+    for file in report.write(out / name, lines, sessions, result, changed):
         typer.echo(file)

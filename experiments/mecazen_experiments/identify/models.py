@@ -1,6 +1,6 @@
 """Kinematic models and their fit by maximum likelihood.
 
-Each model is a matrix J (3, 4) that maps the rotation of the wheels [rad] to the motion of the
+A model is a matrix J (3, 4) that maps the rotation of the wheels [rad] to the motion of the
 robot [m, m, rad]. With radius R, lever l and lateral gain g,
 
     J = R/4 · [[1, 1, 1, 1], [-g, g, g, -g]/c, [-1, 1, -1, 1]/l],     c = ±cot γ of the rollers.
@@ -16,8 +16,8 @@ comparison.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from mecazen.robot import Robot
@@ -46,31 +46,33 @@ Noise = tuple[float, float]
 
 @dataclass(frozen=True)
 class Model:
-    """A model: its parameters, and the function from them to the matrix.
-
-    Each fitted model also has the parameters `FRAME` for each group of runs.
-    """
+    """Kinematics with radius and lever as parameters; each group of runs also has `FRAME`."""
 
     name: str
-    start: Mapping[str, float]
-    """The parameters, with the values from which a fit begins."""
-    matrix: Callable[[Array], Array] = field(repr=False)
-    """Function from parameters to J (3, 4)."""
+    robot: Robot
+    lateral_gain: float | None = None
+    """None if it is a parameter."""
+
+    @property
+    def start(self) -> dict[str, float]:
+        """The parameters, with the values from which a fit begins."""
+        free = {} if self.lateral_gain is not None else {"lateral_gain": 1.0}
+        return {"radius_m": self.robot.wheels.radius_m, "lever_m": self.robot.lever, **free}
 
     def names(self, groups: Sequence[str]) -> tuple[str, ...]:
-        """Return the names of all free parameters."""
-        if not self.start:
-            return ()
+        """Return the names of all parameters."""
         frames = [f"{name} of {group}" if group else name for group in groups for name in FRAME]
         return (*self.start, *frames)
 
     def mounting(self, values: Array, group: int) -> Array:
         """Return misalignment [rad] and offset [m] of a group (3,)."""
-        return values[len(self.start) + 3 * group :][:3] if self.start else np.zeros(3)
+        return values[len(self.start) + 3 * group :][:3]
 
     def coefficients(self, values: Array, group: int) -> Array:
         """Return J in the reference's frame, and the reference's offset, for a group (14,)."""
-        return in_reference(self.matrix(values[: len(self.start)]), self.mounting(values, group))
+        gain = values[2] if self.lateral_gain is None else self.lateral_gain
+        j = ideal_matrix(self.robot, values[0], values[1], gain)
+        return in_reference(j, self.mounting(values, group))
 
 
 def rollers_gain(count: int) -> float:
@@ -79,31 +81,19 @@ def rollers_gain(count: int) -> float:
     return math.sin(arc) / arc
 
 
-def nominal(robot: Robot) -> Model:
-    """Return the model of the robot file, without fitted parameters."""
-    j = ideal_matrix(robot, robot.wheels.radius_m, robot.lever)
-    return Model("nominal", {}, lambda _: j)
-
-
 def ideal(robot: Robot) -> Model:
-    """Return the ideal kinematics with fitted radius and lever."""
-    return _calibrated("ideal, calibrated", robot, 1.0)
+    """Return the ideal kinematics."""
+    return Model("ideal, calibrated", robot, 1.0)
 
 
 def rollers(robot: Robot, count: int) -> Model:
     """Return the model with the lateral gain of a wheel of `count` rollers."""
-    return _calibrated(f"geometry, {count} rollers", robot, rollers_gain(count))
-
-
-def _calibrated(name: str, robot: Robot, gain: float) -> Model:
-    start = {"radius_m": robot.wheels.radius_m, "lever_m": robot.lever}
-    return Model(name, start, lambda v: ideal_matrix(robot, v[0], v[1], gain))
+    return Model(f"geometry, {count} rollers", robot, rollers_gain(count))
 
 
 def lateral(robot: Robot) -> Model:
     """Return the model with a free lateral gain."""
-    start = {"radius_m": robot.wheels.radius_m, "lever_m": robot.lever, "lateral_gain": 1.0}
-    return Model("lateral gain free", start, lambda v: ideal_matrix(robot, v[0], v[1], v[2]))
+    return Model("lateral gain free", robot)
 
 
 @dataclass(frozen=True)
@@ -195,23 +185,22 @@ def _fit(model: Model, sums: Mapping[str, Moments], near: Fit | None = None) -> 
         start = {**model.start, **turns}
     else:
         noise, start = near.noise, near.by_name
-    values, slopes = np.array([start.get(name, 0.0) for name in names]), np.empty((0, len(names)))
+    values = np.array([start.get(name, 0.0) for name in names])
     for _ in range(ROUNDS if near is None else 1):
-        if names:
-            roots = [_root(moments, noise[group]) for group, moments in sums.items()]
-            solution = least_squares(
-                lambda v, roots=roots: _residuals(model, v, roots),
-                values,
-                x_scale="jac",
-                xtol=1e-8 if near is None else 1e-5,
-            )
-            values, slopes = solution.x, solution.jac
+        roots = [_root(moments, noise[group]) for group, moments in sums.items()]
+        solution = least_squares(
+            lambda v, roots=roots: _residuals(model, v, roots),
+            values,
+            x_scale="jac",
+            xtol=1e-8 if near is None else 1e-5,
+        )
+        values = solution.x
         if near is None:
             noise = {
                 group: _noise(moments, model.coefficients(values, index))
                 for index, (group, moments) in enumerate(sums.items())
             }
-    return Fit(model, groups, values, noise, slopes)
+    return Fit(model, groups, values, noise, solution.jac)
 
 
 def _turn(moments: Moments) -> float:

@@ -1,4 +1,4 @@
-"""Motors: the excitation that shows them, and their parameters from commands and efforts.
+"""Identifies motors from commands, wheel positions and efforts.
 
 The wheels follow commands as in `mecazen.robot.RealMotors`: delay, dead band, gain, supply, then a
 first-order lag. The response to commands that are constant between samples is exact, so the delay
@@ -8,10 +8,9 @@ need not be a multiple of the sampling period. Friction is found from the motors
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from mecazen.config import ControllerConfig
 from mecazen.robot import WHEELS, RealMotors
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
@@ -19,17 +18,6 @@ from scipy.signal import lfilter
 from mecazen_experiments.identify.data import Array, MotorLog
 from mecazen_experiments.identify.models import Estimate, ambiguities, covariance
 from mecazen_experiments.identify.windows import SIDES, TURNS
-
-HOLD_S, AHEAD_S = 0.75, 1.5
-"""Duration of a step of the excitation, several time constants of a motor, and of a step straight
-ahead, from whose steady part friction is found."""
-FASTEST = 0.5, 0.5, 1.5
-"""Highest speeds [m/s, m/s, rad/s], if the limits of the controller allow them."""
-LEVELS = 1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.1, -0.1
-"""Speeds along an axis, as shares of the highest: in both directions, so that the robot returns."""
-MIXED = 0.4
-"""Speeds along several axes at once, as a share of the highest."""
-DIRECTIONS = ((1, 1, 0), (1, -1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1), (1, -1, 1))
 
 MAX_DELAY_S = 0.2
 LAGS_S = (0.01, 0.05, 0.2)
@@ -47,41 +35,6 @@ NAMES = (
     "sag_per_nm",
     *(f"gain of {wheel}" for wheel in WHEELS),
 )
-
-
-Step = tuple[float, float, float, float]
-"""A command that holds until the next step: time [s] and speeds [m/s, m/s, rad/s]."""
-
-
-def plan(config: ControllerConfig) -> list[Step]:
-    """Return a minute of commands that makes all parameters of a robot observable."""
-    limits = config.limits
-    allowed = limits.x.max_velocity_m_s, limits.y.max_velocity_m_s, limits.yaw.max_velocity_rad_s
-    fastest = [min(pair) for pair in zip(allowed, FASTEST, strict=True)]
-    steps: list[Step] = []
-    time_s = 0.0
-    for duration, levels in _levels():
-        vx, vy, wz = (level * most for level, most in zip(levels, fastest, strict=True))
-        steps.append((time_s, vx, vy, wz))
-        time_s += duration
-    return [*steps, (time_s, 0.0, 0.0, 0.0)]
-
-
-def _levels() -> Iterator[tuple[float, tuple[float, float, float]]]:
-    """Yield the duration [s] and the levels of each step."""
-    for _ in range(2):
-        yield from ((AHEAD_S, (level, 0.0, 0.0)) for level in LEVELS)
-        yield from ((HOLD_S, (0.0, level, 0.0)) for level in LEVELS)
-        yield from ((HOLD_S, (0.0, 0.0, level)) for level in LEVELS)
-    for x, y, yaw in DIRECTIONS:
-        for sign in (MIXED, -MIXED):
-            yield HOLD_S, (sign * x, sign * y, sign * yaw)
-
-
-def plan_csv(steps: Sequence[Step]) -> str:
-    """Return an excitation as CSV."""
-    rows = (",".join(f"{value:g}" for value in step) for step in steps)
-    return "\n".join(["time_s,vx_m_s,vy_m_s,wz_rad_s", *rows]) + "\n"
 
 
 def response(values: Array, log: MotorLog) -> tuple[Array, Array]:

@@ -24,38 +24,26 @@ from mecazen_experiments.identify.validate import HORIZON_S, Validation
 from mecazen_experiments.statistics import Interval
 
 
-def write_identification(result: Identification, robot: Robot, folder: Path) -> list[Path]:
-    """Write report.md, identification.json, robot.toml and a figure; return the files."""
-    return [
-        *_write("report.md", identification_lines(result), result.sessions, folder),
-        *_write_robot(result, robot, folder),
-    ]
-
-
-def write_validation(result: Validation, robot: Robot, folder: Path) -> list[Path]:
-    """Write validation.md, identification.json, robot.toml and figures; return the files."""
-    return [
-        *_write("validation.md", validation_lines(result), result.sessions, folder),
-        *_write_robot(result.identification, robot, folder),
-    ]
-
-
-def _write(
-    name: str, lines: Iterable[str], sessions: Sequence[SessionResult], folder: Path
+def write(
+    report: Path,
+    lines: Iterable[str],
+    sessions: Sequence[SessionResult],
+    result: Identification,
+    robot: Robot,
 ) -> list[Path]:
-    """Write a report that shows the lateral gain of sessions."""
-    picture = folder / "lateral_gain.png"
+    """Write a report with the lateral gain of sessions, and the identified robot beside it.
+
+    Returns:
+        The files: the report in Markdown, lateral_gain.png, identification.json and robot.toml.
+    """
+    names = "lateral_gain.png", "identification.json", "robot.toml"
+    picture, values, model = (report.with_name(name) for name in names)
     save(lateral_gain(sessions), picture, "--out")
     text = "\n".join([*lines, f"\n![Lateral over forward gain by session]({picture.name})\n"])
-    files.write(folder / name, text.encode(), "--out")
-    return [folder / name, picture]
-
-
-def _write_robot(result: Identification, robot: Robot, folder: Path) -> list[Path]:
-    data, model = folder / "identification.json", folder / "robot.toml"
-    files.write(data, msgspec.json.format(msgspec.json.encode(result)) + b"\n", "--out")
+    files.write(report, text.encode(), "--out")
+    files.write(values, msgspec.json.format(msgspec.json.encode(result)) + b"\n", "--out")
     files.write(model, robot_file(robot, result).encode(), "--out")
-    return [data, model]
+    return [report, picture, values, model]
 
 
 def robot_file(robot: Robot, result: Identification) -> str:
@@ -122,7 +110,7 @@ def validation_lines(result: Validation) -> Iterator[str]:
     yield (
         f"Fitted on {len(result.fitted)} sessions, validated on {len(result.held_out)} others "
         f"({result.duration_s / 60.0:.0f} min). Drift after {HORIZON_S:g} s: median (95 % interval "
-        "over sessions; both values of two), 95th percentile.\n"
+        "over sessions; of two, half of their difference on both sides), 95th percentile.\n"
     )
     yield "| model | path | position [mm] | yaw [mrad] |"
     yield "| --- | --- | --- | --- |"

@@ -23,9 +23,9 @@ from mecazen_experiments.identify.identification import (
     session_results,
     sessions,
 )
-from mecazen_experiments.identify.models import fit, ideal, lateral, nominal, rollers
+from mecazen_experiments.identify.models import fit, ideal, lateral, rollers
 from mecazen_experiments.identify.simulate import all_simulated, identified_robot, mounted
-from mecazen_experiments.identify.windows import drifts, odometry
+from mecazen_experiments.identify.windows import drifts, ideal_matrix, in_reference, odometry
 from mecazen_experiments.statistics import Interval, jackknife
 
 HORIZON_S = 10.0
@@ -74,43 +74,46 @@ def split(runs: Sequence[Run]) -> tuple[list[Run], list[Run]]:
     for path in {run.path for run in runs}:
         chosen.update(sessions([run for run in runs if run.path == path])[::2])
     fitted = [run for run in runs if run.session in chosen]
-    others = [run for run in runs if run.session not in chosen]
-    if not others:
-        raise ConfigError(
-            f"--validate needs a second session of a kind of path; there are {', '.join(chosen)}"
-        )
-    return fitted, others
+    held_out = [run for run in runs if run.session not in chosen]
+    if not held_out:
+        names = ", ".join(sorted(chosen))
+        raise ConfigError(f"--validate needs a second session of a kind of path; there are {names}")
+    groups = {run.group for run in fitted}
+    if lacking := [run.name for run in held_out if run.group not in groups]:
+        raise ConfigError(f"{lacking[0]}: no session for fitting has its markers")
+    return fitted, held_out
 
 
 def validate(robot: Robot, runs: Sequence[Run]) -> tuple[Validation, Robot]:
     """Fit on some sessions, and return the drift on the others and the identified robot."""
-    fitted, others = split(runs)
+    fitted, held_out = split(runs)
     identification = identify(robot, fitted)
     offset_s, count = identification.offset_s.value, identification.roller_count
     changed = identified_robot(robot, identification.geometry.parameters, count, fitted[0])
     units = run_units(fitted, offset_s)
     geometry = fit(rollers(robot, count), units)
-    fits = [fit(model(robot), units) for model in (nominal, ideal, lateral)]
-    fits.insert(2, geometry)
-    paths = {
-        kinematics.model.name: [odometry(run, kinematics.coefficients(run.group)) for run in others]
-        for kinematics in fits
-    }
+    nominal = ideal_matrix(robot, robot.wheels.radius_m, robot.lever)
+    coefficients = in_reference(nominal, np.zeros(3))
+    paths = {"nominal": [odometry(run, coefficients) for run in held_out]}
+    for kinematics in (fit(ideal(robot), units), geometry, fit(lateral(robot), units)):
+        paths[kinematics.model.name] = [
+            odometry(run, kinematics.coefficients(run.group)) for run in held_out
+        ]
     paths["full physics"] = [
         mounted(poses, geometry.mounting(run.group))
-        for run, poses in zip(others, all_simulated(changed, others), strict=True)
+        for run, poses in zip(held_out, all_simulated(changed, held_out), strict=True)
     ]
     return Validation(
         sessions(fitted),
-        sessions(others),
+        sessions(held_out),
         {
-            (model, kind): _drift(others, poses, kind)
-            for kind in sorted({run.path for run in others})
+            (model, kind): _drift(held_out, poses, kind)
+            for kind in sorted({run.path for run in held_out})
             for model, poses in paths.items()
         },
         identification,
         session_results(runs, offset_s, robot),
-        math.fsum(float(run.times[-1] - run.times[0]) for run in others),
+        math.fsum(float(run.times[-1] - run.times[0]) for run in held_out),
     ), changed
 
 

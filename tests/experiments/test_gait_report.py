@@ -1,0 +1,168 @@
+"""A recorded walk as a page beside the norm, and as files that laboratories read."""
+
+import csv
+import importlib.util
+import json
+import math
+import warnings
+
+import numpy as np
+import pytest
+from experiments.walks import person
+from harness import error_of
+from mecazen.config.people import Body
+from mecazen.errors import MecazenError
+from mecazen.skeleton import JOINTS
+from mecazen_experiments.gait.events import planted
+from mecazen_experiments.gait.formats import MARKERS, trc, write_c3d, y_up
+from mecazen_experiments.gait.parameters import strides
+from mecazen_experiments.gait.report import GPS, Curve, curves, export, norm_curve, variable_scores
+from mecazen_experiments.gait.stages import Stage
+from mecazen_people.body.files import read
+from mecazen_tools.cli.app import app
+
+MISSING = 3
+needs_ezc3d = pytest.mark.skipif(
+    importlib.util.find_spec("ezc3d") is None, reason="pip install ezc3d"
+)
+
+
+@pytest.fixture(scope="module")
+def stage():
+    """A walk in which one frame has no body."""
+    t, joints, _ = person(1.0, duration_s=8.0, rate_hz=50.0)
+    events = planted(t, joints)
+    rows = tuple(strides(t, joints, events))
+    joints = joints.copy()
+    joints[MISSING] = np.nan
+    return Stage(t, joints, events, rows)
+
+
+def test_the_norm_passes_through_its_values():
+    knee = norm_curve("knee")
+    assert (knee[0], knee[70], knee[100]) == pytest.approx((0.7, 59.3, 0.7))
+
+
+def test_curves_of_equal_strides_do_not_vary(stage):
+    by_place = curves(stage)
+    assert set(by_place) == {(s, j) for s in ("left", "right") for j in ("hip", "knee", "ankle")}
+    knee = by_place["left", "knee"]
+    # the knee is most flexed in swing, and frames of 20 ms blur it by less than 2 deg
+    assert 65 <= np.argmax(knee.mean) <= 80
+    assert knee.sd.max() < 2.0
+
+
+def test_scores_are_root_mean_squares_of_distances_from_the_norm():
+    off = {"hip": 3.0, "knee": -4.0, "ankle": 12.0}
+    by_place = {
+        ("left", joint): Curve(norm_curve(joint) + by, np.zeros(101), 1)
+        for joint, by in off.items()
+    }
+    (scores,) = variable_scores(by_place).values()
+    gps = math.sqrt((9.0 + 16.0 + 144.0) / 3.0)
+    assert scores == pytest.approx({"hip": 3.0, "knee": 4.0, "ankle": 12.0, GPS: gps})
+
+
+def test_an_export_has_all_files_of_all_stages(stage, tmp_path):
+    stages = {"truth": stage, "raw": Stage(stage.t, stage.joints, stage.events)}
+    with warnings.catch_warnings(action="ignore"):  # of SWIG, on Python 3.12 and later
+        files = export(tmp_path / "walk", stages, {"view": "back"})
+    suffixes = ["trc", "c3d"] if importlib.util.find_spec("ezc3d") else ["trc"]
+    assert {file.name for file in files} == {
+        *(f"{name}.{suffix}" for name in stages for suffix in suffixes),
+        *("strides.csv", "curves.csv", "summary.json"),
+    }
+    with (tmp_path / "walk" / "strides.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["side"] for row in rows] == [stride.side for stride in stage.strides]
+    assert float(rows[0]["stride_time_s"]) == stage.strides[0].stride_time_s
+    with (tmp_path / "walk" / "curves.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == 6 * 101
+    summary = json.loads((tmp_path / "walk" / "summary.json").read_bytes())
+    assert summary["view"] == "back"
+    true = summary["stages"]["truth"]
+    assert true["parameters"]["left"]["speed_m_s"]["mean"] == pytest.approx(1.0, abs=0.01)
+    assert summary["stages"]["raw"]["parameters"] is None
+
+
+def test_a_folder_that_can_not_be_made_is_one_line(stage, tmp_path):
+    (tmp_path / "walk").write_text("")
+    with pytest.raises(MecazenError, match=r"--export .*walk: File exists"):
+        export(tmp_path / "walk", {"truth": stage}, {})
+
+
+def test_a_trc_file_has_the_lines_that_opensim_checks(stage):
+    lines = trc("walk.trc", stage.t, stage.joints).split("\n")
+    n = str(len(stage.t))
+    assert lines[0] == "PathFileType\t4\t(X/Y/Z)\twalk.trc"
+    assert lines[2].split("\t") == ["50.00", "50.00", n, "20", "m", "50.00", "1", n]
+    assert lines[3].split("\t")[2:9] == ["Hip", "", "", "Spine", "", "", "Neck"]
+    assert lines[4].split("\t")[:5] == ["", "", "X1", "Y1", "Z1"]
+    assert lines[5] == ""
+    row = lines[6].split("\t")
+    assert row[0] == "1"
+    assert list(map(float, row[2:5])) == pytest.approx(y_up(stage.joints[0, 0]), abs=1e-6)
+    assert set(lines[6 + MISSING].split("\t")[2:]) == {"nan"}
+
+
+@needs_ezc3d
+def test_a_c3d_file_has_joints_and_events(stage, tmp_path):
+    with warnings.catch_warnings(action="ignore"):  # of SWIG, on Python 3.12 and later
+        import ezc3d
+    late = stage.events.each(lambda times: times + 60.0)
+    write_c3d(tmp_path / "walk.c3d", stage.t, stage.joints, late)
+    content = ezc3d.c3d(str(tmp_path / "walk.c3d"))
+    assert content["parameters"]["POINT"]["LABELS"]["value"] == list(MARKERS)
+    assert content["parameters"]["POINT"]["UNITS"]["value"] == ["mm"]
+    points = content["data"]["points"][:3].T / 1e3
+    # floats of 32 bits hold 5 m in steps of 0.5 µm
+    assert points == pytest.approx(stage.joints, abs=1e-6, nan_ok=True)
+    events = content["parameters"]["EVENT"]
+    minutes, seconds = events["TIMES"]["value"]
+    times = np.sort(np.concatenate([*late.strikes, *late.offs])) - stage.t[0]
+    assert 60.0 * minutes + seconds == pytest.approx(times, abs=1e-5)
+    first = min((feet[0], side) for feet, side in zip(late.strikes, ("Left", "Right"), strict=True))
+    at = events["LABELS"]["value"].index("Foot Strike")
+    assert events["CONTEXTS"]["value"][at] == first[1]
+
+
+@pytest.mark.parametrize("suffix", ["trc", pytest.param("c3d", marks=needs_ezc3d)])
+def test_a_person_walks_a_walk_that_was_exported(stage, suffix, tmp_path):
+    file = tmp_path / f"walk.{suffix}"
+    if suffix == "trc":
+        file.write_text(trc(file.name, stage.t, stage.joints))
+    else:
+        write_c3d(file, stage.t, stage.joints, None)
+    assert set(MARKERS) == set(read(file).values)
+    _, again, _ = person(1.0, duration_s=8.0, rate_hz=50.0, body=Body(motion_file=file))
+    for name in ("head", "pelvis", "left_knee"):
+        before, after = (places[:, JOINTS.index(name), 2] for places in (stage.joints, again))
+        assert after.mean() == pytest.approx(np.nanmean(before), abs=0.01)
+        assert after.max() == pytest.approx(np.nanmax(before), abs=0.01)
+
+
+def run(*arguments):
+    app(list(map(str, arguments)), standalone_mode=False)
+
+
+def test_a_recorded_walk_is_reported_and_exported(tmp_path, capsys):
+    file = tmp_path / "run.mcap"
+    run("simulate", "mocap", "--duration", 8, "--record", file)
+    with warnings.catch_warnings(action="ignore"):  # of SWIG, on Python 3.12 and later
+        run("gait", file, "--export", tmp_path / "walk")
+    out = capsys.readouterr().out
+    for words in ("Seen from: back", "Strides:", "truth", "norm, slow", "CC BY 4.0", GPS):
+        assert words in out
+    with (tmp_path / "walk" / "strides.csv").open() as table:
+        rows = list(csv.DictReader(table))
+    assert {row["stage"] for row in rows} == {"truth", "filtered", "refined"}
+    refined = [float(row["speed_m_s"]) for row in rows if row["stage"] == "refined"]
+    assert refined == pytest.approx([1.0] * len(refined), abs=0.05)
+    text = error_of(MecazenError, lambda: run("gait", file, "--run", 7))
+    assert "no body in run 7" in text
+
+
+def test_a_recording_without_a_body_is_one_line(tmp_path):
+    file = tmp_path / "back.mcap"
+    run("simulate", "back", "--duration", 1, "--record", file)
+    assert "nothing on skeleton/observation" in error_of(MecazenError, lambda: run("gait", file))
