@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from mecazen.runtime.schedule import Schedule
 from mecazen.schema import NonNegative, Section
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import encode
-from mecazen_tools.observe import PELVIS, PersonOverTime, Samples, collect
+from mecazen_tools.observe import PersonOverTime, Samples, collect
 from mecazen_tools.plane import Plane
 from mecazen_tools.simulation import Simulation
 from mecazen_tools.table import Table
@@ -87,7 +88,8 @@ def fuzz(job: Job) -> dict[str, float | str]:
     touched = contacts(scenario.robot, robot, person, table.tick_s)
     solids = scenario.world.obstacles
     walls = np.min([gap_to_obstacle(scenario.robot, robot, solid) for solid in solids], axis=0)
-    distance = np.hypot(*(person.joints[:, PELVIS, :2].T - np.stack(robot[:2])))
+    target = table.poses("target")
+    distance = np.hypot(target.x - robot.x, target.y - robot.y)
     closing = -np.gradient(distance, table.tick_s)[touched.rows]
     reduced = {state.header.stamp.ns for state in samples[GUARD_STATE.key] if state.factor < 1.0}
     return {
@@ -269,8 +271,9 @@ def freeze(sim: Simulation, seed: int) -> list[tuple[str, range]]:
 def _skip(service: Service, ticks: range) -> None:
     """Skip the turns of a service in some ticks."""
     for turn in service.turns:
+        triggered = partial(_is_triggered, ticks, turn.is_triggered)
+        turn.is_triggered = triggered  # type: ignore[method-assign]
 
-        def is_triggered(tick: int, before: Any = turn.is_triggered) -> bool:
-            return tick not in ticks and before(tick)
 
-        turn.is_triggered = is_triggered  # type: ignore[method-assign, assignment]
+def _is_triggered(skipped: range, before: Callable[[int], bool], tick: int) -> bool:
+    return tick not in skipped and before(tick)

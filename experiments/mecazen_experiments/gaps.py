@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from mecazen.arrays import to_rectangle
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
@@ -26,7 +27,7 @@ class Contacts(NamedTuple):
 
     gap_m: Floats
     """Distance from the robot to the person (n) [m]; 0 or negative in contact."""
-    rows: Floats
+    rows: npt.NDArray[np.int64]
     """The sample before each contact (k)."""
     caused: Bools
     """Whether the robot caused each contact (k): it drove at the person, see `drives_at`."""
@@ -54,7 +55,7 @@ def drives_at(before: Floats, after: Floats, step_s: float) -> Bools:
         return (before - after) / step_s > CAUSED_M_S
 
 
-def onsets(gap: Floats) -> Floats:
+def onsets(gap: Floats) -> npt.NDArray[np.int64]:
     """Return the begins of contacts: the sample before the first sample of each contact."""
     touching = gap <= 0.0
     begins = np.flatnonzero(touching & ~np.concatenate(([False], touching[:-1])))

@@ -33,20 +33,20 @@ class Poses(NamedTuple):
         """Return the pose in one row."""
         return Pose2D(float(self.x[tick]), float(self.y[tick]), float(self.yaw[tick]))
 
-    def compose(self, other: Poses | Pose2D) -> Poses:
-        """Transform `other` from these frames to their parent frame."""
+    def compose(self, poses: Poses | Pose2D) -> Poses:
+        """Transform poses from these frames to their parent frame."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return Poses(
-            self.x + c * other.x - s * other.y,
-            self.y + s * other.x + c * other.y,
-            wrap(self.yaw + other.yaw),
+            self.x + c * poses.x - s * poses.y,
+            self.y + s * poses.x + c * poses.y,
+            wrap(self.yaw + poses.yaw),
         )
 
-    def between(self, other: Poses) -> Poses:
-        """Transform `other` from the parent frame of these frames to these frames."""
+    def between(self, poses: Poses) -> Poses:
+        """Transform poses from the parent frame of these frames to these frames."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
-        dx, dy = other.x - self.x, other.y - self.y
-        return Poses(c * dx + s * dy, -s * dx + c * dy, wrap(other.yaw - self.yaw))
+        dx, dy = poses.x - self.x, poses.y - self.y
+        return Poses(c * dx + s * dy, -s * dx + c * dy, wrap(poses.yaw - self.yaw))
 
 
 class Table:
@@ -67,12 +67,8 @@ class Table:
         """Return the rows of a trajectory as columns; there is at least one row."""
         if trajectory.columns != COLUMNS:
             raise ConfigError("robots: a table holds one robot, and there are several")
-        columns: dict[str, npt.NDArray[Any]] = {
-            name: np.array([value or "" for value in column])
-            if name == "tracking"
-            else np.array(column, dtype=np.float64)
-            for name, column in zip(COLUMNS, zip(*trajectory.rows(), strict=True), strict=True)
-        }
+        rows = trajectory.to_numpy()
+        columns = {name: np.ascontiguousarray(rows[name]) for name in COLUMNS}
         t = columns["t_s"]
         return cls(columns, float(t[1] - t[0]) if len(t) > 1 else math.nan)
 
