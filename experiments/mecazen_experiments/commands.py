@@ -160,6 +160,7 @@ def _refuse_unwritable(study: Study, name: str, options: Options) -> None:
         raise ConfigError(f"--csv {options.csv}: no such folder")
     if options.figures is not None and not study.figures:
         raise ConfigError(f"--figures: {name} has no [[figure]]")
+    figures.check(study)
     if options.films is not None and not all(case.scenario for case in study.cases):
         raise ConfigError(f"--films: {name} has a case without a scenario")
     for option, folder in (("--figures", options.figures), ("--films", options.films)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -25,10 +26,12 @@ from mecazen_tools.drawing import (
     save,
 )
 from mecazen_tools.observe import observe
-from mecazen_tools.table import Table, deviations
+from mecazen_tools.table import Floats, Table, deviations
 
+from mecazen_experiments.capture import capture
 from mecazen_experiments.expansion import Job
 from mecazen_experiments.frame import select
+from mecazen_experiments.quality import MEASURED, Walk, walk_of
 from mecazen_experiments.runs import Workers, do_all
 from mecazen_experiments.statistics import Interval, mean_interval
 from mecazen_experiments.study import Figure, Study, check_known
@@ -40,6 +43,14 @@ Do = Callable[[Callable[[Job], T]], list[tuple[Job, T]]]
 FORMATS = "png", "svg"
 ARROW_EVERY_S = 6.0
 ARROW_LENGTH_M, ARROW_WIDTH_M = 0.7, 0.09
+PERCENT = np.linspace(0.0, 100.0, 51)
+"""Points of the gait cycle."""
+CYCLES: dict[str, dict[str, Any]] = {
+    "truth": {"color": "black", "linewidth": 1.0},
+    "raw": {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0},
+    "refined": {"color": BLUE, "linewidth": 1.0},
+}
+"""Lines of the stages of a walk."""
 LINES: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0, "zorder": 3.0},
     {"color": BLUE, "linewidth": 0.6},
@@ -153,6 +164,53 @@ def errors(spec: Figure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
     return drawn
 
 
+def cycles(spec: Figure, frame: pd.DataFrame, do: Do[Walk]) -> figure.Figure:
+    """Draw angles over the gait cycle, a column for the first run of each row.
+
+    Lines are means over the strides of both legs; the band of `raw` is one standard deviation.
+    """
+    del spec, frame
+    runs = do(captured)
+    drawn = figure.Figure(figsize=(2.0 * COLUMN_IN, COLUMN_IN), layout="constrained")
+    grid = drawn.subplots(len(MEASURED), len(runs), sharex=True, sharey="row", squeeze=False)
+    for column, (job, walk) in zip(grid.T, runs, strict=True):
+        phases, angles = walk.captured.truth_at_frames.phases, walk.angles
+        for joint, axes in enumerate(column):
+            for name in (name for name in CYCLES if name in angles):
+                strides = by_stride(phases, angles[name][:, [joint, joint + len(MEASURED)]])
+                mean, deviation = strides.mean(axis=0), strides.std(axis=0)
+                axes.plot(PERCENT, mean, label=name, **CYCLES[name])
+                if name == "raw":
+                    band = mean - deviation, mean + deviation
+                    axes.fill_between(PERCENT, *band, color=ORANGE, alpha=0.25, linewidth=0.0)
+        column[0].set(title=", ".join(map(str, job.choices.values())), xlim=(0.0, 100.0))
+        column[-1].set_xlabel("gait cycle [%]")
+    for joint, axes in zip(MEASURED, grid[:, 0], strict=True):
+        axes.set_ylabel(f"{joint} [°]")
+    _legend(drawn)
+    return drawn
+
+
+def by_stride(phases: Floats, angles: Floats) -> Floats:
+    """Return an angle at `PERCENT` for every complete stride (strides, 51) of both legs.
+
+    Phases and angles (n, 2) are those of the left and the right leg in n frames; angles may be NaN.
+    """
+    strides = []
+    for phase, angle in zip(phases.T, angles.T, strict=True):
+        known = ~np.isnan(angle)
+        progress = np.unwrap(phase, period=1.0)
+        for begin in range(math.ceil(progress[0]), math.floor(progress[-1])):
+            at = begin + PERCENT / 100.0
+            strides.append(np.interp(at, progress[known], angle[known]))
+    return np.array(strides)
+
+
+def captured(job: Job) -> Walk:
+    """Simulate a job and return its captured walk."""
+    return walk_of(capture(job.load()))
+
+
 def tabulate(job: Job) -> Table:
     """Simulate a job and return every tick of it."""
     return observe(job.load()).table
@@ -179,6 +237,7 @@ def _legend(drawn: figure.Figure) -> None:
 
 
 KINDS: dict[str, Callable[[Figure, pd.DataFrame, Do[Any]], figure.Figure]] = {
+    "cycles": cycles,
     "points": points,
     "paths": paths,
     "errors": errors,

@@ -1,10 +1,10 @@
-"""Experiments of very short runs, and the command line that does them."""
+"""Studies of very short runs, and the command line that does them."""
 
+import csv
 import subprocess
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import msgspec
 import pytest
 from harness import ROOT, command
 from mecazen_tools.cli.app import app
@@ -17,11 +17,15 @@ robot = "{ROOT}/configs/robots/nexus.toml"
 sim.duration_s = 2.0
 start.x_m = -1.0
 """
-EXPERIMENT = """
+STUDY = """
 seeds = 4
 [[cases]]
 name = "short"
 scenario = "short.toml"
+[[table]]
+title = "Errors"
+rows = ["case"]
+columns = [["D_err [m]", "d_err_m", 3]]
 """
 
 
@@ -44,8 +48,8 @@ class Folder(NamedTuple):
 
     def popen(self, *arguments: object) -> subprocess.Popen[str]:
         """Start `mecazen experiment` as a shell does: in a process group of its own."""
-        how = command(["experiment", *arguments]) | {"cwd": self.path, "process_group": 0}
-        return subprocess.Popen(**how, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        call = command(["experiment", *arguments]) | {"cwd": self.path, "process_group": 0}
+        return subprocess.Popen(**call, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
     def mecazen(self, *arguments: object, code: int = 0) -> tuple[str, str]:
         """Run `mecazen experiment`; return what it prints, and its errors."""
@@ -58,25 +62,20 @@ class Folder(NamedTuple):
         assert process.returncode == code, errors
         return out, errors.strip()
 
-    def runs(self, file: str) -> list[tuple[Any, ...]]:
-        """Return what a report says of its runs, but for what they took of the machine."""
-        rows = msgspec.json.decode((self.path / file).read_bytes())["rows"]
-        return [
-            (row["name"], run["walk"], record["key"], record["trajectory_sha256"], record["scores"])
-            for row in rows
-            for run in row["runs"]
-            for record in [run["record"]]
-        ]
+    def runs(self, file: str) -> list[dict[str, str]]:
+        """Return the rows of a CSV."""
+        with (self.path / file).open() as rows:
+            return list(csv.DictReader(rows))
 
 
 @pytest.fixture(scope="session")
 def make_folder():
-    """Make folders with a short scenario, and an experiment of it."""
+    """Make folders with a short scenario, and a study of it."""
 
     def make(path):
         folder = Folder(path)
         folder.write("short.toml", SCENARIO)
-        folder.write("short_experiment.toml", EXPERIMENT)
+        folder.write("study.toml", STUDY)
         return folder
 
     return make

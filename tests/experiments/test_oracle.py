@@ -3,8 +3,9 @@
 import pytest
 from harness import SCENARIOS
 from mecazen.loading import load_scenario, parse_settings
-from mecazen_experiments.budget import ORACLE
 from mecazen_tools.simulate import simulate
+
+ORACLE = 'programs.follower="mecazen_experiments.oracle:OracleFollower"'
 
 
 def run(*settings, scenario="back"):

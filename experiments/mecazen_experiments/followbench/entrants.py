@@ -34,7 +34,7 @@ def entrant(name: str) -> Callable[[], Planner]:
     if name == "social":
         return Social
     if ":" not in name:
-        raise ConfigError(f"follower = {name!r}: no such planner; allowed: social, or file.py:Class")
+        raise ConfigError(f"follower = {name!r}: must be social, or file.py:Class")
     made = imported(name)
     if inspect.isclass(made) and issubclass(made, Node):
         scenario = load_scenario(scenario_path("back"))

@@ -26,7 +26,7 @@ ROBOT_M = (0.70, 0.55)
 GOAL_THRESHOLD_M = 0.1
 """Default distance at which a way-point is reached [m]."""
 FILE_NAME = re.compile(r"(?P<scenario>.+)_(?P<place>back|left_side)_\d+")
-CLASS = re.compile(r"(?:Normal)?([A-Z][a-z]+)(?:Orca|Sfm).*")
+CLASS = re.compile(r"(?:Normal)?([A-Z][a-z]+)Orca.*")
 
 Place = Literal["back", "left_side"]
 """Place of the robot: behind the target, or beside it, on either side."""
@@ -65,8 +65,6 @@ class Episode(msgspec.Struct, frozen=True):
     cls: str
     """Circular, Crowd, Parallel, Perpendicular, Corridor, Intersection, Doorway, Clutter, or the
     name of a track."""
-    manners: Literal["orca", "sfm"]
-    """How people avoid each other: velocity obstacles or social forces."""
     place: Place
     robot: Pose2D
     """Pose of the rear axle at the start."""
@@ -112,7 +110,8 @@ class _Box(msgspec.Struct):
 
 
 class _Behavior(msgspec.Struct):
-    name: Literal["orca", "sfm"]
+    name: Literal["orca"]
+    """The other half of the benchmark's crowds, with social forces, is not read."""
     safe_dist: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 
 
@@ -153,8 +152,6 @@ class _File(msgspec.Struct):
         shape = self.robot[0].shape
         if (shape.length, shape.width) != ROBOT_M:
             raise ValueError("robot[0].shape: must be 0.70 x 0.55 m")
-        if len({person.behavior.name for person in (*self.target, *self.human)}) > 1:
-            raise ValueError("human: all people must have the target's behavior.name")
 
 
 def read(path: Path) -> Episode:
@@ -187,7 +184,6 @@ def read(path: Path) -> Episode:
         name=path.stem,
         scenario=scenario,
         cls=track[1] if track else scenario,
-        manners=file.target[0].behavior.name,
         place="back" if place == "back" else "left_side",
         robot=Pose2D(*file.robot[0].state),
         target=file.target[0].walk,

@@ -11,6 +11,7 @@ import math
 from itertools import groupby
 
 import numpy as np
+import numpy.typing as npt
 from mecazen.portable import Floats
 
 from mecazen_experiments.followbench.episodes import STEP_S, Episode
@@ -40,7 +41,7 @@ def metrics(record: Record, episode: Episode) -> dict[str, bool | float]:
     jerk = np.diff(velocity, n=2, axis=0, prepend=velocity[:2]) / STEP_S**2
     searches = [len([*steps]) for seen, steps in groupby(visible.tolist()) if not seen]
 
-    def share(steps: Floats) -> float:
+    def share(steps: npt.NDArray[np.bool_]) -> float:
         return 100.0 * int(np.count_nonzero(steps)) / episode.max_steps
 
     return {

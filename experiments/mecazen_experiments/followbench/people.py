@@ -18,7 +18,6 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.arrays import to_rectangle
 from mecazen.portable import Floats
 from scipy.ndimage import binary_dilation
 
@@ -230,9 +229,10 @@ class People:
         x, y, yaw, length, width = self._boxes.T
         dx, dy = self.places[:, :1] - x, self.places[:, 1:] - y
         c, s = np.cos(yaw), np.sin(yaw)
-        distances = to_rectangle(c * dx + s * dy, c * dy - s * dx, (length / 2.0, width / 2.0))
-        touching: Flags = (distances <= PERSON_RADIUS + GROWN_M).any(axis=1)
-        return touching
+        over = np.maximum(np.abs(c * dx + s * dy) - length / 2.0, 0.0)
+        beside = np.maximum(np.abs(c * dy - s * dx) - width / 2.0, 0.0)
+        touches = np.hypot(over, beside) <= PERSON_RADIUS + GROWN_M
+        return np.asarray(touches.any(axis=1))
 
 
 def _touches(state: Sequence[float], neighbours: Iterable[Sequence[float]]) -> bool:
