@@ -25,12 +25,7 @@ Walks = Annotated[
 Jobs = Annotated[
     int | None, Option(min=1, help="Processes on this machine.", show_default="one for each core")
 ]
-Scheduler = Annotated[str | None, Option(metavar="ADDRESS", help=DASK_HELP, show_default=False)]
 Store = Annotated[Path, Option(metavar="FILE", help="Where results are kept; SQLite.")]
-Json = Annotated[
-    Path | None,
-    Option("--json", metavar="FILE", help="Write all scores of all runs.", show_default=False),
-]
 STORE = Path("experiments.sqlite")
 
 # Each command imports what it needs itself: every start of `mecazen` imports this module.
@@ -101,92 +96,4 @@ def run(
         set=settings or (),
         sweep=sweep or (),
         only=only or (),
-    )
-
-
-@app.command()
-def followbench(
-    folder: Annotated[
-        Path | None,
-        Argument(
-            metavar="FOLDER",
-            help="Episodes of Follow-Bench, as a clone of it has them.",
-            show_default="generated ones",
-        ),
-    ] = None,
-    follower: Annotated[
-        list[str] | None,
-        Option(
-            metavar="NAME",
-            help="social, window, proportional, braking, ours, or file.py:Class of your own. "
-            "Repeatable.",
-            show_default="all five",
-        ),
-    ] = None,
-    episodes: Annotated[
-        int, Option(min=1, max=1_000_000, help="Generated ones of each cell and place.")
-    ] = 20,
-    seed: Annotated[
-        int, Option(min=0, help="Seed of the first; those below 1000 are for choosing parameters.")
-    ] = 1000,
-    only: Annotated[
-        list[str] | None,
-        Option(
-            metavar="CLASS",
-            help="Circular, Crowd, Parallel, Perpendicular, Corridor, Intersection, Doorway, "
-            "Clutter, or a track. Repeatable.",
-            show_default="all",
-        ),
-    ] = None,
-    own_robot: Annotated[
-        bool, Option("--own-robot", help="The mecanum robot with its senses and the guard.")
-    ] = False,
-    figures: Annotated[
-        Path | None,
-        Option(metavar="FOLDER", help="Draw the success in the open there.", show_default="none"),
-    ] = None,
-    films: Annotated[
-        Path | None,
-        Option(
-            metavar="FOLDER",
-            help="Write the first failure of each row there, else its first episode: GIF.",
-            show_default="none",
-        ),
-    ] = None,
-    leaderboard: Annotated[
-        list[Path] | None,
-        Option(
-            metavar="FILE",
-            help="Play nothing; make one table of such results of --json. Repeatable.",
-            show_default="none",
-        ),
-    ] = None,
-    jobs: Jobs = None,
-    scheduler: Scheduler = None,
-    store: Store = STORE,
-    json: Json = None,
-) -> None:
-    """Follow a person through the episodes of the public benchmark Follow-Bench.
-
-    By default the rules are those of the benchmark: its robot, true positions, any contact fails.
-    Finished episodes are kept: after Ctrl-C the same command continues from there.
-
-    Examples: mecazen experiment followbench --follower ours --only Corridor --episodes 5 ·
-    mecazen experiment followbench --follower mine.py:Mine --follower ours --json mine.json
-    """
-    from mecazen_experiments import commands_old as commands  # noqa: PLC0415
-
-    if leaderboard:
-        commands.leaderboard(leaderboard, figures)
-        return
-    commands.followbench(
-        commands.Options(jobs, scheduler, store, json),
-        follower or (),
-        folder=folder,
-        episodes=episodes,
-        seed=seed,
-        only=only or (),
-        own_robot=own_robot,
-        figures=figures,
-        films=films,
     )

@@ -23,7 +23,7 @@ from mecazen_people.paths import make_path
 
 from mecazen_experiments.programs import PROGRAMS
 from mecazen_experiments.study import Case, Label, Settings, Study, check_known
-from mecazen_experiments.versions import fingerprint, version
+from mecazen_experiments.versions import fingerprint, version, with_content
 
 
 class Job(NamedTuple):
@@ -151,9 +151,13 @@ def _variants(
 ) -> Iterator[tuple[Path | None, Settings, object]]:
     """Yield each file of a case, the settings with it, and what the result depends on."""
     if scenario is None:
+        options = [
+            with_content(value) if isinstance(value, str) and ".py:" in value else value
+            for value in parse_settings(settings).values()
+        ]
         for file in files or (None,):
             content = None if file is None else hashlib.sha256(read_bytes(file)).hexdigest()
-            yield file, settings, [settings, content]
+            yield file, settings, [settings, options, content]
         return
     loaded = load_scenario(scenario, parse_settings(settings))
     if not (files and isinstance(loaded.target.path, Recorded)):

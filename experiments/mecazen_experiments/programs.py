@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from mecazen_experiments import fuzz, limit, quality, safety, scores
+from mecazen_experiments.followbench import program as benchmark
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 Value = bool | int | float | str | None
 
 PROGRAMS: dict[str, Callable[[Job], Mapping[str, Value]]] = {
+    "followbench": benchmark.followbench,
+    "followbench_rules": benchmark.followbench_rules,
     "following": scores.following,
     "fuzz": fuzz.fuzz,
     "mocap": quality.mocap,

@@ -1,4 +1,4 @@
-"""The lidar of Follow-Bench, and the visibility of people for its robot.
+"""The robot of Follow-Bench: a unicycle about its rear axle, its lidar, and whom it sees.
 
 A map of known cells around the robot determines visibility. A scan redraws only the part of the map
 that its beams span, so parts of older scans remain; this module reproduces that behaviour.
@@ -7,16 +7,29 @@ that its beams span, so parts of older scans remain; this module reproduces that
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.arrays import between
-from mecazen.geometry import Pose2D
+from mecazen.arrays import between, to_rectangle
+from mecazen.geometry import Pose2D, wrap
 from mecazen.portable import Floats
 from scipy.ndimage import label
 
-from mecazen_experiments.followbench.unicycle import PERSON_RADIUS
+from mecazen_experiments.followbench.episodes import STEP_S
 
+MAX_V, MAX_W = 2.0, math.pi
+"""Maximum speed [m/s] and yaw rate [rad/s], forwards and backwards."""
+ACCELERATION_V, ACCELERATION_W = 2.0, math.pi
+"""Maximum acceleration away from rest [m/s²], [rad/s²]; a moving robot brakes much harder."""
+BRAKING = 50.0
+"""Ratio of deceleration to acceleration."""
+CENTRE, HALF = 0.25, (0.35, 0.275)
+"""Centre of the outline ahead of the axle, and half its length and width [m]: 0.70 x 0.55."""
+PERSON_RADIUS = 0.3
+"""Radius of the disc of a person [m]."""
+EDGE_M = 0.2
+"""Width of the strip around the map in which the robot can still move."""
 BEAMS, RANGE = 200, 5.0
 """Beams over 360°, and their length [m]."""
 APART = 2.0 * math.pi / (BEAMS - 1)
@@ -33,6 +46,79 @@ MARGIN = 1.0
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
+
+
+class Unicycle(NamedTuple):
+    """State: pose of the rear axle in the world, speed v [m/s], yaw rate w [rad/s]."""
+
+    pose: Pose2D
+    v: float = 0.0
+    w: float = 0.0
+
+    def step(self, v: float, w: float, size: tuple[float, float]) -> Unicycle:
+        """Return the state after a step on a map of `size` (width, height) [m].
+
+        As in Euler's method, the robot moves along the heading before the step. A step that would
+        leave the map by a cell stops the robot.
+        """
+        dt = STEP_S
+        v = _limit(v, self.v, MAX_V, ACCELERATION_V * dt)
+        w = _limit(w, self.w, MAX_W, ACCELERATION_W * dt)
+        x = self.pose.x + v * math.cos(self.pose.yaw) * dt
+        y = self.pose.y + v * math.sin(self.pose.yaw) * dt
+        if not all(-EDGE_M < at < length + EDGE_M for at, length in zip((x, y), size, strict=True)):
+            return Unicycle(self.pose)
+        return Unicycle(Pose2D(x, y, wrap(self.pose.yaw + w * dt)), v, w)
+
+
+def touches(pose: Pose2D, discs: Floats, boxes: Floats) -> bool:
+    """Return whether the outline at a pose touches a person or a box.
+
+    Args:
+        pose: Pose of the rear axle in the world.
+        discs: Centres (n, 2) of people [m].
+        boxes: Centre x, y [m], yaw [rad], length and width [m] of each box (n, 5).
+    """
+    return bool(np.any(gaps(pose, discs) <= 0.0)) or _touches_box(pose, boxes)
+
+
+def gaps(pose: Pose2D, discs: Floats) -> Floats:
+    """Return the distances (n) [m] between the outline at a pose and people at (n, 2)."""
+    ahead, beside = between(pose, discs).T
+    distances: Floats = to_rectangle(ahead - CENTRE, beside, HALF) - PERSON_RADIUS
+    return distances
+
+
+def _limit(command: float, value: float, most: float, gain: float) -> float:
+    """Return the value nearest to a command that the limits of a step allow.
+
+    While the robot moves, the value changes by at most `gain` away from zero, and by 50 times that
+    towards and beyond zero. From rest any value is allowed at once.
+    """
+    low = value - (BRAKING if value > 0.0 else 1.0) * gain if value else -most
+    high = value + (BRAKING if value < 0.0 else 1.0) * gain if value else most
+    return min(max(command, low, -most), high, most)
+
+
+def _touches_box(pose: Pose2D, boxes: Floats) -> bool:
+    """Return whether the outline touches a box: no edge separates the two.
+
+    The test is the separating axis theorem for rectangles, S. Gottschalk et al., OBBTree, SIGGRAPH
+    1996.
+    """
+    centre = pose.compose(Pose2D(CENTRE))
+    dx, dy = boxes[:, 0] - centre.x, boxes[:, 1] - centre.y
+    half_length, half_width = boxes[:, 3] / 2.0, boxes[:, 4] / 2.0
+    c, s = np.cos(boxes[:, 2]), np.sin(boxes[:, 2])
+    cr, sr = math.cos(pose.yaw), math.sin(pose.yaw)
+    along, across = np.abs(c * cr + s * sr), np.abs(s * cr - c * sr)
+    overlaps = (
+        (np.abs(cr * dx + sr * dy) <= HALF[0] + half_length * along + half_width * across)
+        & (np.abs(cr * dy - sr * dx) <= HALF[1] + half_length * across + half_width * along)
+        & (np.abs(c * dx + s * dy) <= half_length + HALF[0] * along + HALF[1] * across)
+        & (np.abs(c * dy - s * dx) <= half_width + HALF[0] * across + HALF[1] * along)
+    )
+    return bool(np.any(overlaps))
 
 
 def scan(pose: Pose2D, discs: Floats, boxes: Floats) -> Floats:
@@ -83,9 +169,9 @@ def _to_boxes(pose: Pose2D, boxes: Floats) -> Floats:
     enter, leave = np.zeros_like(angles), np.full_like(angles, np.inf)
     for start, half, cosine in zip(starts, halves, slopes, strict=True):
         slope = np.where(np.abs(cosine) < 1e-12, 1e-12, cosine)  # parallel to the slab
-        one, other = (-half - start) / slope, (half - start) / slope
-        enter = np.maximum(enter, np.minimum(one, other))
-        leave = np.minimum(leave, np.maximum(one, other))
+        near, far = (-half - start) / slope, (half - start) / slope
+        enter = np.maximum(enter, np.minimum(near, far))
+        leave = np.minimum(leave, np.maximum(near, far))
     nearest: Floats = np.where(enter <= leave, enter, np.inf).min(axis=1)
     return nearest
 
@@ -132,11 +218,11 @@ class KnownArea:
 
         A person is visible within 5.3 m if any cell of the square around their disc is known.
         """
-        at = between(pose, people)
-        low = np.rint((at - PERSON_RADIUS) * PER_M + HALF_M * PER_M).astype(np.int64)
-        high = np.rint((at + PERSON_RADIUS) * PER_M + HALF_M * PER_M).astype(np.int64)
+        relative = between(pose, people)
+        low = np.rint((relative - PERSON_RADIUS) * PER_M + HALF_M * PER_M).astype(np.int64)
+        high = np.rint((relative + PERSON_RADIUS) * PER_M + HALF_M * PER_M).astype(np.int64)
         side = len(self.cells)
-        near = np.hypot(*at.T) - PERSON_RADIUS <= RANGE
+        near = np.hypot(*relative.T) - PERSON_RADIUS <= RANGE
         near &= np.all((low >= 0) & (high < side), axis=1)
         (left, bottom), (right, top) = np.clip(low, 0, side).T, np.clip(high, 0, side).T
         sums = self._sums
@@ -152,10 +238,10 @@ def _outline(row: Ints, column: Ints) -> tuple[Ints, Ints]:
     4, 1965; every line is drawn from its smaller to its larger main coordinate.
     """
     ends = np.stack((row, column))
-    others = np.roll(ends, -1, axis=1)
-    is_steep = np.abs(others[0] - ends[0]) > np.abs(others[1] - ends[1])
+    nexts = np.roll(ends, -1, axis=1)
+    is_steep = np.abs(nexts[0] - ends[0]) > np.abs(nexts[1] - ends[1])
     main, minor = np.where(is_steep, ends, ends[::-1])
-    main_end, minor_end = np.where(is_steep, others, others[::-1])
+    main_end, minor_end = np.where(is_steep, nexts, nexts[::-1])
     swap = main > main_end
     main, main_end = np.where(swap, main_end, main), np.where(swap, main, main_end)
     minor, minor_end = np.where(swap, minor_end, minor), np.where(swap, minor, minor_end)

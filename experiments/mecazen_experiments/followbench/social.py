@@ -1,0 +1,250 @@
+"""The social-force follower of Follow-Bench: the reference whose results are published.
+
+A driving force towards the goal and exponential repulsions (Helbing & Molnár, Phys. Rev. E 51,
+1995) change the velocity of a point at the axle; a unicycle then turns into this velocity. The
+formulas and parameters are those of Follow-Bench's planner (Ye et al., arXiv 2509.10796), including
+two peculiarities that affect its results. Clusters of the scan repel as obstacles although some are
+people. The direction vectors from clusters are divided by the norm of all vectors together.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mecazen.geometry import Pose2D, wrap
+from mecazen.portable import Floats, exp
+from scipy.sparse.csgraph import connected_components
+
+from mecazen_experiments.followbench.episodes import DISTANCE_M, STEP_S, Place
+from mecazen_experiments.followbench.play import Seen, View
+from mecazen_experiments.followbench.robot import ANGLES, RANGE
+
+SPEED_M_S = 3.0
+"""Desired and maximum speed; the robot's own limit is 2 m/s."""
+GAIN = 1.3
+"""Gain of the driving force [1/s]."""
+ARRIVED_M = 0.7
+"""Distance to the goal below which the desired speed is 0."""
+SAFE_M = 0.3
+PEOPLE, THINGS = (7.0, 0.5), (10.0, 0.5)
+"""Strength [m/s²] and reach [m] of the repulsion by people and by clusters of the scan."""
+THINGS_M = 5.0
+"""Distance beyond which clusters do not repel."""
+TARGET_M = 0.5
+"""A cluster nearer to the target than this is the target."""
+STILL_M = 0.05
+"""The robot stops if the distance to the goal and the goal's last motion are below this."""
+TURN_RAD_S, TURN_S, ALIGNED_RAD, SLOW_M_S = 2.0, 0.2, 0.1, 0.02
+"""Maximum yaw rate, time of a turn, angle below which no turn is needed, speed that counts as 0."""
+AHEAD_S = 2.0
+"""Horizon of the prediction [s]."""
+SEARCH_M = 0.2
+"""Distance from the prediction at which a search ends [m]."""
+INITIAL, PROCESS, MEASURED = 0.1**2, 0.05**2, 0.5**2
+"""Variances of position [m²] and velocity [m²/s²]: initial, per step, per measurement."""
+STANDING_M_S = 0.01
+"""Below this speed, a person keeps the previous heading."""
+NOTHING_M = 0.01
+"""A beam that ends less than this before the maximum range hit nothing [m]."""
+REACH_M, LEAST = 0.5, 3
+"""DBSCAN: the distance of neighbours [m], and the minimum number of neighbours of a core point,
+including itself."""
+
+
+class Social:
+    """A follower driven by social forces."""
+
+    def __init__(self) -> None:
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Forget the last episode; nothing is drawn at random."""
+        self._last: Seen | None = None
+        self._heading = 0.0
+        self._filter: ConstantVelocity | None = None
+        self._goal: tuple[float, float] | None = None
+
+    def command(self, view: View) -> tuple[float, float]:
+        """Return speed [m/s] and yaw rate [rad/s] for the next step."""
+        goal, robot = self._chase(view), view.robot
+        x, y = goal.x - robot.x, goal.y - robot.y
+        distance = math.hypot(x, y)
+        vx, vy = view.v * math.cos(robot.yaw), view.v * math.sin(robot.yaw)
+        drive = SPEED_M_S / distance if distance > ARRIVED_M else 0.0
+        push_x, push_y = self._push(view)
+        vx += STEP_S * (GAIN * (drive * x - vx) + push_x)
+        vy += STEP_S * (GAIN * (drive * y - vy) + push_y)
+        scale = min(1.0, SPEED_M_S / max(math.hypot(vx, vy), 1e-9))
+        last, self._goal = self._goal, (goal.x, goal.y)
+        if last is not None and max(math.dist(last, self._goal), distance) < STILL_M:
+            return 0.0, 0.0
+        return unicycle(robot.yaw, scale * vx, scale * vy)
+
+    def _chase(self, view: View) -> Pose2D:
+        """Return the goal pose; it is the robot's pose until the target is first visible.
+
+        As in Follow-Bench, the filter is updated only during a search, with the last sight as
+        measurement, and keeps its state from one search to the next.
+        """
+        robot, target = view.robot, view.target
+        if target is not None:
+            if math.hypot(target.vx, target.vy) >= STANDING_M_S:
+                self._heading = math.atan2(target.vy, target.vx)
+            self._last = target
+            return place(target, self._heading, robot, view.place, DISTANCE_M)
+        if self._last is None:
+            return robot
+        if self._filter is None:
+            self._filter = ConstantVelocity(self._last)
+        self._filter.step(self._last)
+        return place(self._filter.ahead(AHEAD_S), self._heading, robot, "back", SEARCH_M)
+
+    def _push(self, view: View) -> tuple[float, float]:
+        """Return the repulsion [m/s²] from visible people and from clusters of the scan."""
+        place = np.array(view.robot[:2])
+        away = place - np.array([person[:2] for person in view.people]).reshape(-1, 2)
+        ranges = np.hypot(away[:, 0], away[:, 1])
+        x, y = _repulsion(away / ranges[:, None], ranges, *PEOPLE)
+        last = self._last
+        middles = [center(group) for group in clusters(points(view))]
+        if last is not None:
+            middles = [middle for middle in middles if math.dist(middle, last[:2]) > TARGET_M]
+        away = place - np.array(middles).reshape(-1, 2)
+        ranges = np.hypot(away[:, 0], away[:, 1])
+        away, ranges = away[ranges < THINGS_M], ranges[ranges < THINGS_M]
+        norm = math.sqrt(math.fsum((ranges * ranges).tolist()))
+        things_x, things_y = _repulsion(away / max(norm, 1e-9), ranges, *THINGS)
+        return x + things_x, y + things_y
+
+
+def _repulsion(away: Floats, ranges: Floats, strength: float, reach: float) -> tuple[float, float]:
+    forces = strength * exp((SAFE_M - ranges) / reach)[:, None] * away
+    return math.fsum(forces[:, 0].tolist()), math.fsum(forces[:, 1].tolist())
+
+
+def unicycle(yaw: float, vx: float, vy: float) -> tuple[float, float]:
+    """Return speed and yaw rate that turn a unicycle into a velocity, without backing up."""
+    speed = math.hypot(vx, vy)
+    if speed <= SLOW_M_S:
+        return 0.0, 0.0
+    off = wrap(math.atan2(vy, vx) - yaw)
+    turn = 0.0 if abs(off) < ALIGNED_RAD else max(-TURN_RAD_S, min(TURN_RAD_S, off / TURN_S))
+    return max(speed * math.cos(off), 0.0), turn
+
+
+def place(target: Seen, heading: float, robot: Pose2D, where: Place, distance: float) -> Pose2D:
+    """Return the goal pose of the robot for a target that walks in the direction `heading` [rad].
+
+    For "back", the goal is on the line from the target to the robot, at any bearing. For
+    "left_side", it is on the nearer side.
+    """
+    if where == "back":
+        bearing = math.atan2(target.y - robot.y, target.x - robot.x)
+        c, s = math.cos(bearing), math.sin(bearing)
+        return Pose2D(target.x - distance * c, target.y - distance * s, bearing)
+    across_x, across_y = -distance * math.sin(heading), distance * math.cos(heading)
+    left = Pose2D(target.x + across_x, target.y + across_y, heading)
+    right = Pose2D(target.x - across_x, target.y - across_y, heading)
+    to_left = math.hypot(left.x - robot.x, left.y - robot.y)
+    return left if to_left <= math.hypot(right.x - robot.x, right.y - robot.y) else right
+
+
+class ConstantVelocity:
+    """Kalman filter of a position and velocity that are both measured.
+
+    The axes share one covariance, since all their variances are equal.
+    """
+
+    def __init__(self, first: Seen) -> None:
+        self._state = first
+        self._pp, self._pv, self._vv = INITIAL, 0.0, INITIAL
+
+    def step(self, measured: Seen) -> None:
+        """Predict one step, and correct by a measurement."""
+        pp = self._pp + STEP_S * (2.0 * self._pv + STEP_S * self._vv) + PROCESS
+        pv, vv = self._pv + STEP_S * self._vv, self._vv + PROCESS
+        det = (pp + MEASURED) * (vv + MEASURED) - pv * pv
+        # the gain is P (P + R)^-1, with rows for position and velocity
+        kpp, kpv = (pp * (vv + MEASURED) - pv * pv) / det, pv * MEASURED / det
+        kvv = (vv * (pp + MEASURED) - pv * pv) / det
+        x, y, vx, vy = self._state
+        x, y = x + STEP_S * vx, y + STEP_S * vy
+        ex, ey, evx, evy = measured.x - x, measured.y - y, measured.vx - vx, measured.vy - vy
+        self._state = Seen(
+            x + kpp * ex + kpv * evx,
+            y + kpp * ey + kpv * evy,
+            vx + kpv * ex + kvv * evx,
+            vy + kpv * ey + kvv * evy,
+        )
+        # (I - K) P = K R
+        self._pp, self._pv, self._vv = kpp * MEASURED, kpv * MEASURED, kvv * MEASURED
+
+    def ahead(self, seconds: float) -> Seen:
+        """Return the state predicted some seconds ahead."""
+        x, y, vx, vy = self._state
+        return Seen(x + seconds * vx, y + seconds * vy, vx, vy)
+
+
+def points(view: View) -> Floats:
+    """Return the points that beams hit, in the world (n, 2) [m]."""
+    hit = view.ranges < RANGE - NOTHING_M
+    angles, ranges = ANGLES[hit] + view.robot.yaw, view.ranges[hit]
+    x, y = view.robot.x + ranges * np.cos(angles), view.robot.y + ranges * np.sin(angles)
+    return np.stack((x, y), axis=1)
+
+
+def clusters(places: Floats) -> list[Floats]:
+    """Return the groups of points (n, 2): DBSCAN, Ester et al., KDD 1996; noise is left out."""
+    dx = places[:, :1] - places[:, 0]
+    dy = places[:, 1:] - places[:, 1]
+    near = dx * dx + dy * dy <= REACH_M**2
+    core = near.sum(axis=1) >= LEAST
+    # a point at the border belongs to the first group that reaches it
+    count, labels = connected_components(near[np.ix_(core, core)], directed=False)
+    groups, free = [], np.ones(len(places), dtype=bool)
+    for label in range(count):
+        members = near[:, np.flatnonzero(core)[labels == label]].any(axis=1) & free
+        free &= ~members
+        groups.append(places[members])
+    return groups
+
+
+def center(places: Floats) -> tuple[float, float]:
+    """Return the center of the smallest rectangle around points (n, 2).
+
+    The rectangle shares a side with the convex hull of the points (Freeman & Shapira, 1975).
+    """
+    hull = _hull(sorted(set(map(tuple, places.tolist()))))
+    best, middle = math.inf, (hull[0][0], hull[0][1])
+    for (ax, ay), (bx, by) in zip(hull, hull[1:] + hull[:1], strict=True):
+        length = math.hypot(bx - ax, by - ay)
+        if length == 0.0:
+            continue
+        c, s = (bx - ax) / length, (by - ay) / length
+        along = [c * x + s * y for x, y in hull]
+        across = [c * y - s * x for x, y in hull]
+        area = (max(along) - min(along)) * (max(across) - min(across))
+        if area < best:
+            best = area
+            u, v = (max(along) + min(along)) / 2, (max(across) + min(across)) / 2
+            middle = c * u - s * v, s * u + c * v
+    return middle
+
+
+def _hull(places: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the convex hull of sorted points: Andrew's monotone chain."""
+    if len(places) < 3:
+        return places
+    halves = []
+    for ordered in (places, places[::-1]):
+        half: list[tuple[float, float]] = []
+        for x, y in ordered:
+            while len(half) > 1:
+                (ax, ay), (bx, by) = half[-2:]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0.0:
+                    break
+                half.pop()
+            half.append((x, y))
+        halves.append(half[:-1])
+    return halves[0] + halves[1]
