@@ -8,10 +8,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D
-from mecazen_experiments.cli import app
 from mecazen_experiments.expansion import expand
 from mecazen_experiments.followbench.entrants import entrant
 from mecazen_experiments.followbench.episodes import SAMPLE, Box, Walk, read
@@ -21,7 +19,6 @@ from mecazen_experiments.followbench.play import Record, Seen, View, play
 from mecazen_experiments.followbench.program import followbench, followbench_rules, scenario_of
 from mecazen_experiments.followbench.robot import (
     ANGLES,
-    APART,
     BEAMS,
     KnownArea,
     Unicycle,
@@ -30,15 +27,10 @@ from mecazen_experiments.followbench.robot import (
     touches,
 )
 from mecazen_experiments.followbench.social import (
-    ConstantVelocity,
     Social,
-    center,
-    clusters,
     place,
-    unicycle,
 )
 from mecazen_experiments.study import load_study, study_path
-from typer.testing import CliRunner
 
 OPEN = read(SAMPLE / "dynamic" / "NormalParallelOrcaH5W0_back_2.yaml")
 CORRIDOR = read(SAMPLE / "layout" / "CorridorOrcaH4W5.6_back_1.yaml")
@@ -49,6 +41,20 @@ SIZE = (30.0, 30.0)
 WALL = np.array([[3.0, 0.0, 0.0, 0.2, 4.0]])
 """A wall across, 2.9 m ahead; beams pass by its ends."""
 WALKER = Seen(10.0, 5.0, 1.0, 0.0)
+PARALLEL = {
+    "tvr": 100.0,
+    "tin_tperson": 5.555555555555555,
+    "pl_m": 20.348897658342956,
+    "avg_acc_m_s2": 1.6181307879487608,
+    "jerk_m_s3": 12.25907386749723,
+}
+DOORWAY = {
+    "tvr": 35.49618320610687,
+    "tin_tperson": 23.282442748091604,
+    "pl_m": 13.916036063775111,
+    "avg_acc_m_s2": 1.5505187425679237,
+    "jerk_m_s3": 10.305920495707124,
+}
 
 
 @pytest.mark.parametrize(
@@ -123,13 +129,6 @@ def test_beams_go_counter_clockwise_from_behind():
     assert np.array_equal(scan(Pose2D(1.0, 2.0, 0.5), NOBODY, NO_BOX), np.full(BEAMS, 5.0))
 
 
-def test_a_beam_meets_a_turned_box_at_its_corner():
-    box = np.array([[3.0, 0.0, math.pi / 4, 1.0, 1.0]])
-    # the robot is turned so that the beam beside the heading meets the corner
-    ranges = scan(Pose2D(yaw=APART / 2.0), NOBODY, box)
-    assert beam(-math.degrees(APART / 2.0), ranges) == pytest.approx(3.0 - math.sqrt(0.5))
-
-
 @pytest.mark.parametrize(
     ("person", "boxes", "others", "is_seen"),
     [
@@ -191,12 +190,6 @@ def test_a_blocked_cell_becomes_a_square(inflation, blocked):
     assert grid.blocked[25 : 26 + inflation // 2, 25].all()
 
 
-def test_a_turned_box_blocks_the_polygon_between_the_cells_of_its_corners():
-    blocked = Grid(world(Box(5.1, 5.1, math.pi / 4, 1.0, 1.0), inflation=0)).blocked
-    # the corners, 0.71 m from the middle, are four cells from the middle's
-    assert [int(row.sum()) for row in blocked[20:31]] == [0, 1, 3, 5, 7, 9, 7, 5, 3, 1, 0]
-
-
 def test_people_heed_the_blocked_cells_of_a_square_at_the_origin_alone():
     grid = Grid(CORRIDOR)  # 40 × 10 m, the lower wall up to y = 2.2 m
     assert grid.near(9.0, 2.5)
@@ -220,26 +213,6 @@ def test_orca_makes_half_of_a_change(preferred, neighbours, cells, chosen):
     assert velocity == pytest.approx(chosen)
 
 
-def test_lines_that_cannot_all_be_met_are_violated_equally():
-    both = [(0.5, 0.0, 0.0, 0.0), (-0.5, 0.0, 0.0, 0.0)]
-    x, _ = orca((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), both, [], 0.9)
-    assert x == pytest.approx(0.0, abs=1e-9)  # rounding
-
-
-def test_two_who_meet_pass_each_other_without_contact():
-    ends = (1.0, 5.0), (9.0, 5.2)
-    walks = [Walk(Pose2D(*a), (b,), True, 2.0, 0.5) for a, b in (ends, ends[::-1])]
-    people = People(world(walks=tuple(walks)))
-    distances = []
-    for _ in range(120):
-        people.step(Unicycle(Pose2D(-5.0, -5.0)))
-        _, a, b = people.places
-        distances.append(math.dist(a, b))
-    assert min(distances) > 0.6
-    assert math.dist(a, ends[1]) < 0.3
-    assert math.dist(b, ends[0]) < 0.3
-
-
 def test_people_give_way_to_the_robot_and_the_target_does_not():
     people = People(OPEN)
     for _ in range(60):
@@ -258,15 +231,6 @@ class Constant:
     def command(self, view):
         self.views.append(view)
         return self.speeds
-
-
-def test_a_robot_that_stands_loses_the_target():
-    record = play(ALONE, Constant(), 1)
-    assert (len(record.robot), record.collided) == (ALONE.max_steps + 1, False)
-    assert record.visible[0]
-    assert not record.visible[-1]
-    # from x = 8 to 28 at 1.5 m/s, the first steps slower, and 1 m ahead of the end slower again
-    assert math.dist(record.target[-1], (28.0, 15.0)) < 0.2
 
 
 def test_the_first_contact_ends_an_episode():
@@ -371,40 +335,6 @@ def test_the_goal_is_behind_the_target_or_on_its_nearer_side():
         assert beside == pytest.approx((10.0, 5.0 + 1.5 * side, 0.0))
 
 
-def test_the_prediction_is_that_of_a_kalman_filter():
-    model = KalmanFilter(dim_x=4, dim_z=4)
-    model.x = np.array(WALKER)
-    model.F = np.eye(4) + 0.1 * np.eye(4, k=2)
-    model.H = np.eye(4)
-    model.P, model.Q, model.R = 0.01 * np.eye(4), 0.0025 * np.eye(4), 0.25 * np.eye(4)
-    prediction = ConstantVelocity(WALKER)
-    for k in range(30):
-        measured = Seen(10.0 + 0.05 * k, 5.0 - 0.01 * k * k, 0.4, -0.2 * k)
-        model.predict()
-        model.update(np.array(measured))
-        prediction.step(measured)
-    x, y, vx, vy = model.x
-    # rounding of some 30 products of matrices
-    assert prediction.ahead(2.0) == pytest.approx((x + 2 * vx, y + 2 * vy, vx, vy), rel=1e-9)
-
-
-def test_points_within_reach_of_each_other_are_a_cluster():
-    row = np.array([(0.4 * k, 0.0) for k in range(5)])
-    far = row + np.array((5.0, 0.0))
-    pair = np.array([(2.0, 9.0), (2.1, 9.0)])
-    groups = clusters(np.concatenate((far, pair, row)))
-    assert [group.tolist() for group in groups] == [far.tolist(), row.tolist()]
-    assert clusters(np.empty((0, 2))) == []
-
-
-@pytest.mark.parametrize("yaw", [0.0, 1.2])
-def test_the_center_is_that_of_the_rectangle(yaw):
-    c, s = math.cos(yaw), math.sin(yaw)
-    sides = [(0.1 * k, 0.0) for k in range(21)] + [(0.0, 0.1 * k) for k in range(6)] + [(2.0, 0.3)]
-    turned = np.array([(3.0 + c * x - s * y, 1.0 + s * x + c * y) for x, y in sides])
-    assert center(turned) == pytest.approx((3.0 + c - 0.25 * s, 1.0 + s + 0.25 * c))
-
-
 def test_the_reference_is_driven_by_its_forces():
     target = Seen(14.0, 10.0, 0.0, 0.0)
     # nothing but the target: 0.1 s of 1.3/s times 3 m/s, straight ahead
@@ -421,15 +351,6 @@ def test_the_reference_is_driven_by_its_forces():
     # the goal is 0.5 m ahead, which counts as reached, so only the person acts
     force = 0.1 * 7.0 * math.exp((0.3 - 1.0) / 0.5)
     assert Social().command(person) == pytest.approx((force, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("velocity", "command"),
-    [((1.0, 0.05), (1.0, 0.0)), ((0.0, -1.0), (0.0, -2.0)), ((0.01, 0.01), (0.0, 0.0))],
-)
-def test_a_unicycle_turns_into_a_velocity(velocity, command):
-    # the speed is that of the projection, less than a percent off for a small angle
-    assert unicycle(0.0, *velocity) == pytest.approx(command, abs=1e-2)
 
 
 MINE = """
@@ -519,11 +440,19 @@ def test_an_entrants_code_is_part_of_the_key(mine):
     assert before.key != after.key
 
 
-def test_the_reference_succeeds_in_the_open_as_before():
-    (job,) = jobs("followbench_rules", file="NormalParallelOrcaH5W0_back_2")
+@pytest.mark.parametrize(
+    ("file", "labels", "values"),
+    [
+        ("NormalParallelOrcaH5W0_back_2", ("open", "Parallel", "back", 5, True), PARALLEL),
+        ("DoorwayOrcaH2W2.8_left_side_1", ("layout", "Doorway", "left_side", 2, False), DOORWAY),
+    ],
+)
+def test_the_reference_follows_as_it_did(file, labels, values):
+    (job,) = jobs("followbench_rules", file=file)
     columns = followbench_rules(job)
-    assert (columns["class"], columns["place"], columns["people"]) == ("Parallel", "back", 5)
-    assert (columns["sr"], columns["kind"]) == (True, "open")
+    assert tuple(columns[name] for name in ("kind", "class", "place", "people", "sr")) == labels
+    # numpy's sines differ in the last bit between processors
+    assert columns == columns | {name: pytest.approx(v, rel=1e-6) for name, v in values.items()}
     assert columns == followbench_rules(job)
 
 
@@ -554,10 +483,3 @@ def test_our_robot_follows_in_a_crowd_without_contact():
     columns = followbench(job)
     assert (columns["sr"], columns["asr"], columns["contacts_others_all"]) == (True, True, 0)
     assert columns["time_s"] == pytest.approx(2.0, abs=0.02)
-
-
-def test_a_study_without_episodes_is_one_line(tmp_path):
-    text = study_path("followbench_rules").read_text().replace("sample/*", "sample/none")
-    (tmp_path / "mine.toml").write_text(text)
-    with pytest.raises(ConfigError, match="files: no file matches"):
-        CliRunner().invoke(app, ["run", str(tmp_path / "mine.toml")], catch_exceptions=False)

@@ -30,12 +30,6 @@ def test_a_track_is_a_class_without_planned_paths():
     assert (episode.max_steps, episode.max_search_steps) == (520, 260)
 
 
-def test_clutter_has_boxes_and_people_with_many_goals():
-    episode = read(SAMPLE / "layout" / "ClutterOrcaObs30H10_left_side_1.yaml")
-    assert len(episode.boxes) == 4 + 30  # the edges of the map are boxes too
-    assert [len(walk.goals) for walk in episode.humans] == [19] * 10
-
-
 def test_the_whole_sample_is_readable_and_has_a_licence():
     episodes = [read(file) for file in sorted(SAMPLE.rglob("*.yaml"))]
     assert len(episodes) == 31

@@ -13,15 +13,6 @@ from mecazen_experiments.gait.stages import seen_stages
 from mecazen_experiments.refine import smooth
 
 
-def test_events_are_where_the_feet_are_farthest_from_the_pelvis():
-    t, joints = pendulum()
-    (left, right), (left_off, right_off) = zeni(t, about_path(joints, RATE_HZ))
-    for train, phase in ((left, 0.0), (right, 0.5), (left_off, 0.5), (right_off, 0.0)):
-        wrong = (train / STRIDE_S - phase + 0.5) % 1.0 - 0.5
-        assert len(train) >= 8
-        assert abs(wrong).max() * STRIDE_S < 0.005
-
-
 @pytest.mark.parametrize(("yaw", "late"), [(0.0, 0.5), (-2.5, 0.45)])
 def test_parameters_of_a_pendulum(yaw, late):
     t, joints = pendulum(yaw=yaw, late=late)
