@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from mecazen.arrays import between, to_rectangle
-from mecazen.geometry import Pose2D, wrap
+from mecazen.geometry import Pose2D, overlap, wrap
 from mecazen.portable import Floats
 from scipy.ndimage import label
 
@@ -79,7 +79,11 @@ def touches(pose: Pose2D, discs: Floats, boxes: Floats) -> bool:
         discs: Centres (n, 2) of people [m].
         boxes: Centre x, y [m], yaw [rad], length and width [m] of each box (n, 5).
     """
-    return bool(np.any(gaps(pose, discs) <= 0.0)) or _touches_box(pose, boxes)
+    centre = pose.compose(Pose2D(CENTRE))
+    return bool(np.any(gaps(pose, discs) <= 0.0)) or any(
+        overlap(centre, HALF, Pose2D(x, y, yaw), (length / 2.0, width / 2.0))
+        for x, y, yaw, length, width in boxes.tolist()
+    )
 
 
 def gaps(pose: Pose2D, discs: Floats) -> Floats:
@@ -98,27 +102,6 @@ def _limit(command: float, value: float, most: float, gain: float) -> float:
     low = value - (BRAKING if value > 0.0 else 1.0) * gain if value else -most
     high = value + (BRAKING if value < 0.0 else 1.0) * gain if value else most
     return min(max(command, low, -most), high, most)
-
-
-def _touches_box(pose: Pose2D, boxes: Floats) -> bool:
-    """Return whether the outline touches a box: no edge separates the two.
-
-    The test is the separating axis theorem for rectangles, S. Gottschalk et al., OBBTree, SIGGRAPH
-    1996.
-    """
-    centre = pose.compose(Pose2D(CENTRE))
-    dx, dy = boxes[:, 0] - centre.x, boxes[:, 1] - centre.y
-    half_length, half_width = boxes[:, 3] / 2.0, boxes[:, 4] / 2.0
-    c, s = np.cos(boxes[:, 2]), np.sin(boxes[:, 2])
-    cr, sr = math.cos(pose.yaw), math.sin(pose.yaw)
-    along, across = np.abs(c * cr + s * sr), np.abs(s * cr - c * sr)
-    overlaps = (
-        (np.abs(cr * dx + sr * dy) <= HALF[0] + half_length * along + half_width * across)
-        & (np.abs(cr * dy - sr * dx) <= HALF[1] + half_length * across + half_width * along)
-        & (np.abs(c * dx + s * dy) <= half_length + HALF[0] * along + HALF[1] * across)
-        & (np.abs(c * dy - s * dx) <= half_width + HALF[0] * across + HALF[1] * along)
-    )
-    return bool(np.any(overlaps))
 
 
 def scan(pose: Pose2D, discs: Floats, boxes: Floats) -> Floats:

@@ -13,8 +13,9 @@ import math
 
 import numpy as np
 from mecazen.geometry import Pose2D, wrap
-from mecazen.portable import Floats, exp
+from mecazen.portable import Floats, exp, inverse, product
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
 
 from mecazen_experiments.followbench.episodes import DISTANCE_M, STEP_S, Place
 from mecazen_experiments.followbench.play import Seen, View
@@ -153,36 +154,25 @@ def place(target: Seen, heading: float, robot: Pose2D, where: Place, distance: f
 class ConstantVelocity:
     """Kalman filter of a position and velocity that are both measured.
 
-    The axes share one covariance, since all their variances are equal.
+    The axes share one covariance (2, 2), since all their variances are equal.
     """
 
     def __init__(self, first: Seen) -> None:
-        self._state = first
-        self._pp, self._pv, self._vv = INITIAL, 0.0, INITIAL
+        self._state = np.array(first).reshape(2, 2)
+        self._covariance = INITIAL * np.eye(2)
 
     def step(self, measured: Seen) -> None:
         """Predict one step, and correct by a measurement."""
-        pp = self._pp + STEP_S * (2.0 * self._pv + STEP_S * self._vv) + PROCESS
-        pv, vv = self._pv + STEP_S * self._vv, self._vv + PROCESS
-        det = (pp + MEASURED) * (vv + MEASURED) - pv * pv
-        # the gain is P (P + R)^-1, with rows for position and velocity
-        kpp, kpv = (pp * (vv + MEASURED) - pv * pv) / det, pv * MEASURED / det
-        kvv = (vv * (pp + MEASURED) - pv * pv) / det
-        x, y, vx, vy = self._state
-        x, y = x + STEP_S * vx, y + STEP_S * vy
-        ex, ey, evx, evy = measured.x - x, measured.y - y, measured.vx - vx, measured.vy - vy
-        self._state = Seen(
-            x + kpp * ex + kpv * evx,
-            y + kpp * ey + kpv * evy,
-            vx + kpv * ex + kvv * evx,
-            vy + kpv * ey + kvv * evy,
-        )
-        # (I - K) P = K R
-        self._pp, self._pv, self._vv = kpp * MEASURED, kpv * MEASURED, kvv * MEASURED
+        transition = np.array(((1.0, STEP_S), (0.0, 1.0)))
+        prior = product(product(transition, self._covariance), transition.T) + PROCESS * np.eye(2)
+        gain = product(prior, inverse(prior + MEASURED * np.eye(2)))
+        state = product(transition, self._state)
+        self._state = state + product(gain, np.array(measured).reshape(2, 2) - state)
+        self._covariance = MEASURED * gain  # (I - K) P = K R
 
     def ahead(self, seconds: float) -> Seen:
         """Return the state predicted some seconds ahead."""
-        x, y, vx, vy = self._state
+        (x, y), (vx, vy) = self._state.tolist()
         return Seen(x + seconds * vx, y + seconds * vy, vx, vy)
 
 
@@ -215,36 +205,15 @@ def center(places: Floats) -> tuple[float, float]:
 
     The rectangle shares a side with the convex hull of the points (Freeman & Shapira, 1975).
     """
-    hull = _hull(sorted(set(map(tuple, places.tolist()))))
-    best, middle = math.inf, (hull[0][0], hull[0][1])
-    for (ax, ay), (bx, by) in zip(hull, hull[1:] + hull[:1], strict=True):
-        length = math.hypot(bx - ax, by - ay)
-        if length == 0.0:
-            continue
-        c, s = (bx - ax) / length, (by - ay) / length
-        along = [c * x + s * y for x, y in hull]
-        across = [c * y - s * x for x, y in hull]
-        area = (max(along) - min(along)) * (max(across) - min(across))
-        if area < best:
-            best = area
-            u, v = (max(along) + min(along)) / 2, (max(across) + min(across)) / 2
-            middle = c * u - s * v, s * u + c * v
-    return middle
-
-
-def _hull(places: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the convex hull of sorted points: Andrew's monotone chain."""
-    if len(places) < 3:
-        return places
-    halves = []
-    for ordered in (places, places[::-1]):
-        half: list[tuple[float, float]] = []
-        for x, y in ordered:
-            while len(half) > 1:
-                (ax, ay), (bx, by) = half[-2:]
-                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0.0:
-                    break
-                half.pop()
-            half.append((x, y))
-        halves.append(half[:-1])
-    return halves[0] + halves[1]
+    try:
+        hull = places[ConvexHull(places).vertices]
+    except QhullError:  # the points are on a line
+        x, y = ((places.min(axis=0) + places.max(axis=0)) / 2.0).tolist()
+        return x, y
+    sides = np.roll(hull, -1, axis=0) - hull
+    c, s = (sides / np.hypot(*sides.T)[:, None]).T[:, :, None]
+    along, across = c * hull[:, 0] + s * hull[:, 1], c * hull[:, 1] - s * hull[:, 0]
+    best = int((np.ptp(along, axis=1) * np.ptp(across, axis=1)).argmin())
+    u, v = ((values[best].max() + values[best].min()) / 2.0 for values in (along, across))
+    (cos,), (sin,) = c[best], s[best]
+    return float(cos * u - sin * v), float(sin * u + cos * v)
