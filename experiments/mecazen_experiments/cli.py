@@ -89,7 +89,7 @@ def run(
     from mecazen_experiments import commands  # noqa: PLC0415
 
     commands.run(
-        commands.Options(jobs, cluster, store, csv, figures, films),
+        commands.RunOptions(jobs, cluster, store, csv, figures, films),
         study,
         seeds=seeds,
         walks=walks,

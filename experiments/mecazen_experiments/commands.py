@@ -41,7 +41,7 @@ WIDTH = 160
 """Width of the tables [characters] if the output is not a terminal."""
 
 
-class Options(NamedTuple):
+class RunOptions(NamedTuple):
     """Where runs are done and kept, and what is written."""
 
     jobs: int | None
@@ -71,7 +71,7 @@ def expanded(
     return study, expand(study, parse_seeds(seeds), tuple(set), parse_sweeps(sweep), walk_files)
 
 
-def run(options: Options, name: str, **choice: Any) -> None:
+def run(options: RunOptions, name: str, **choice: Any) -> None:
     """Run a study; print its tables, and write its frame, figures and films on demand.
 
     `choice` are further arguments of `expanded`.
@@ -143,7 +143,7 @@ def film(folder: Path, job: Job) -> Path:
 
 
 def _drawn(
-    study: Study, runs: Any, jobs: Sequence[Job], workers: Workers, options: Options
+    study: Study, runs: Any, jobs: Sequence[Job], workers: Workers, options: RunOptions
 ) -> Iterator[Path]:
     """Draw figures and record films; yield the files."""
     first = {job.row: job for job in reversed(jobs)}
@@ -156,7 +156,7 @@ def _drawn(
         yield from figures.draw(study, runs, jobs, workers, options.figures)
 
 
-def _refuse_unwritable(study: Study, name: str, options: Options) -> None:
+def _refuse_unwritable(study: Study, name: str, options: RunOptions) -> None:
     """Make the folders of the options, and refuse what can't be written, before the runs."""
     if options.csv is not None and not options.csv.absolute().parent.is_dir():
         raise ConfigError(f"--csv {options.csv}: no such folder")
@@ -174,7 +174,7 @@ def _refuse_unwritable(study: Study, name: str, options: Options) -> None:
 
 
 @contextmanager
-def _session(options: Options) -> Iterator[tuple[Store, Workers, Progress]]:
+def _session(options: RunOptions) -> Iterator[tuple[Store, Workers, Progress]]:
     """Open the store and the workers, and show progress; Ctrl-C ends it in one line."""
     if options.cluster is not None and options.jobs is not None:
         raise ConfigError("--jobs: the workers of --cluster have their own number of processes")
@@ -205,7 +205,7 @@ def _session(options: Options) -> Iterator[tuple[Store, Workers, Progress]]:
         raise typer.Exit(INTERRUPTED) from None
 
 
-def _workers(options: Options) -> AbstractContextManager[Workers]:
+def _workers(options: RunOptions) -> AbstractContextManager[Workers]:
     if options.cluster is not None:
         return cluster_workers(options.cluster)
     return nullcontext(local_workers(options.jobs or -1))

@@ -31,10 +31,10 @@ from mecazen_tools.table import Floats, Table, deviations
 from mecazen_experiments.capture import capture
 from mecazen_experiments.expansion import Job
 from mecazen_experiments.frame import select
-from mecazen_experiments.quality import MEASURED, Walk, walk_of
+from mecazen_experiments.quality import MEASURED, CapturedWalk, walk_of
 from mecazen_experiments.runs import Workers, do_all
 from mecazen_experiments.statistics import Interval, mean_interval
-from mecazen_experiments.study import Figure, Study, check_known
+from mecazen_experiments.study import Study, StudyFigure, check_known
 
 T = TypeVar("T")
 Do = Callable[[Callable[[Job], T]], list[tuple[Job, T]]]
@@ -90,7 +90,7 @@ def check(study: Study) -> None:
         check_known(spec.kind, KINDS, f"figure {spec.name!r}: kind: no", ConfigError)
 
 
-def points(spec: Figure, frame: pd.DataFrame, do: Do[Any]) -> figure.Figure:
+def points(spec: StudyFigure, frame: pd.DataFrame, do: Do[Any]) -> figure.Figure:
     """Draw means with 95 % intervals at each x: a panel for each y, a colour for each `by`."""
     del do
     size = COLUMN_IN * max(1.0, 0.7 * len(spec.panels)), 0.7 * COLUMN_IN
@@ -115,7 +115,7 @@ def points(spec: Figure, frame: pd.DataFrame, do: Do[Any]) -> figure.Figure:
     return drawn
 
 
-def _intervals(frame: pd.DataFrame, spec: Figure, name: str) -> dict[Any, Interval]:
+def _intervals(frame: pd.DataFrame, spec: StudyFigure, name: str) -> dict[Any, Interval]:
     """Return the interval of a column over independent units, by x."""
     intervals = {}
     units = [spec.unit] if isinstance(spec.unit, str) else list(spec.unit)
@@ -125,7 +125,7 @@ def _intervals(frame: pd.DataFrame, spec: Figure, name: str) -> dict[Any, Interv
     return intervals
 
 
-def paths(spec: Figure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
+def paths(spec: StudyFigure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
     """Draw the paths of person and robot in world, one panel for the first run of each row."""
     del frame
     runs = do(tabulate)
@@ -141,7 +141,7 @@ def paths(spec: Figure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
     return drawn
 
 
-def errors(spec: Figure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
+def errors(spec: StudyFigure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
     """Draw the errors of distance and angle over time: a row for each x, a line for each `by`."""
     del frame
     runs = do(tabulate)
@@ -164,7 +164,7 @@ def errors(spec: Figure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
     return drawn
 
 
-def cycles(spec: Figure, frame: pd.DataFrame, do: Do[Walk]) -> figure.Figure:
+def cycles(spec: StudyFigure, frame: pd.DataFrame, do: Do[CapturedWalk]) -> figure.Figure:
     """Draw angles over the gait cycle, a column for the first run of each row.
 
     Lines are means over the strides of both legs; the band of `raw` is one standard deviation.
@@ -206,7 +206,7 @@ def by_stride(phases: Floats, angles: Floats) -> Floats:
     return np.array(strides)
 
 
-def captured(job: Job) -> Walk:
+def captured(job: Job) -> CapturedWalk:
     """Simulate a job and return its captured walk."""
     return walk_of(capture(job.load()))
 
@@ -236,7 +236,7 @@ def _legend(drawn: figure.Figure) -> None:
     drawn.legend(handles, labels, loc="outside upper center", ncols=len(labels))
 
 
-KINDS: dict[str, Callable[[Figure, pd.DataFrame, Do[Any]], figure.Figure]] = {
+KINDS: dict[str, Callable[[StudyFigure, pd.DataFrame, Do[Any]], figure.Figure]] = {
     "cycles": cycles,
     "points": points,
     "paths": paths,

@@ -58,10 +58,10 @@ def walkers(job: Job) -> dict[str, float | str | None]:
     assert isinstance(path, Wander), "the program needs target.path.kind = 'wander'"
     assert job.scenario is not None
     observed = observe(scenario)
-    ours = score(observed.table, scenario.follower.standoff).settled
+    ours = score(observed.table, scenario.follower.standoff, SETTLING_S)
     options = {**job.options(), **ORACLE}
     oracle_run = observe(load_scenario(job.scenario, options)).table
-    oracle = score(oracle_run, scenario.follower.standoff).settled
+    oracle = score(oracle_run, scenario.follower.standoff, SETTLING_S)
     begin = round((path.start_after_s + SETTLING_S) * scenario.sensor.rate_hz)
     bound = pose_covariances(path, scenario.sensor, scenario.sim.duration_s)[begin:]
     bearing = scenario.follower.standoff.bearing

@@ -62,7 +62,7 @@ GAITS: Mapping[str, Callable[[Gait], float]] = {
 """Parameters of the true and of the refined gait; percentages are differences of the sides."""
 
 
-class Walk(NamedTuple):
+class CapturedWalk(NamedTuple):
     """A captured walk from the time at which it is steady."""
 
     captured: Capture
@@ -87,12 +87,14 @@ def mocap(job: Job) -> Columns:
     return {**quality(captured, scenario.follower.standoff), "trajectory": trajectory}
 
 
-def walk_of(captured: Capture) -> Walk:
+def walk_of(captured: Capture) -> CapturedWalk:
     """Return a captured walk from the time at which it is steady."""
     first = first_motion(captured.table)
     begin_s = math.inf if first is None else captured.table["t_s"][first] + SETTLING_S
     captured = captured.since(begin_s)
-    return Walk(captured, {"truth": true_stage(captured.truth), **seen_stages(captured.seen)})
+    return CapturedWalk(
+        captured, {"truth": true_stage(captured.truth), **seen_stages(captured.seen)}
+    )
 
 
 def quality(captured: Capture, standoff: Standoff) -> Columns:
@@ -123,7 +125,7 @@ def quality(captured: Capture, standoff: Standoff) -> Columns:
     shares = dict(zip(JOINTS, (seen.confidence == SEEN).mean(axis=0).tolist(), strict=True))
     for joint in (*MEASURED, "heel", "foot"):
         columns[f"{joint}_seen_percent"] = 100.0 * fmean(shares[f"{s}_{joint}"] for s in SIDES)
-    following = score(walk.captured.table, standoff).whole
+    following = score(walk.captured.table, standoff)
     for name in ("d_err_m", "theta_err_deg", "odometry_drift_percent"):
         columns[name] = getattr(following, name)
     return columns

@@ -54,7 +54,7 @@ def measure(run: Watched, scenario: Scenario) -> dict[str, float | str | None]:
     begin = first_motion(run.table) or 0
     times, shown = run.sight
     moving = times >= run.table["t_s"][begin]
-    following = score(run.table, scenario.follower.standoff).whole
+    following = score(run.table, scenario.follower.standoff)
     gaps = [person.gap_m, *(pedestrian.gap_m for pedestrian in pedestrians)]
     return {
         "contacts_person": int(person.caused.sum()),

@@ -92,37 +92,30 @@ class Score(msgspec.Struct, frozen=True):
     """
 
 
-class Scores(msgspec.Struct, frozen=True):
-    """The measures from the first motion of the person on, and from 5 s after that on.
-
-    All are None if there is no person, or if the person never moves.
-    """
-
-    whole: Score
-    settled: Score
-
-
 def following(job: Job) -> dict[str, float | str | None]:
     """Simulate a job; return its scores, and the hash of its trajectory."""
     scenario = job.load()
     observed = observe(scenario)
-    scores = score(observed.table, scenario.follower.standoff)
-    settled = scores.settled
+    standoff = scenario.follower.standoff
+    settled = score(observed.table, standoff, SETTLING_S)
     return {
-        **msgspec.structs.asdict(scores.whole),
+        **msgspec.structs.asdict(score(observed.table, standoff)),
         "settled_d_err_m": settled.d_err_m,
         "settled_theta_err_deg": settled.theta_err_deg,
         "trajectory": observed.trajectory_sha256[:16],
     }
 
 
-def score(table: Table, standoff: Standoff) -> Scores:
-    """Return the measures of a run in which the robot had to keep `standoff`."""
+def score(table: Table, standoff: Standoff, after_s: float = 0.0) -> Score:
+    """Return the measures of a run in which the robot had to keep `standoff`.
+
+    They begin a time after the first motion of the person. All are None if there is no person, or
+    if the person never moves.
+    """
     begin = first_motion(table)
     if begin is None:
-        return Scores(Score(), Score())
-    settled = begin + round(SETTLING_S / table.tick_s)
-    return Scores(*(_score(table.where(slice(at, None)), standoff) for at in (begin, settled)))
+        return Score()
+    return _score(table.where(slice(begin + round(after_s / table.tick_s), None)), standoff)
 
 
 def nees(errors: Floats, covariances: Floats) -> Floats:

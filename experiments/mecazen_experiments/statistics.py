@@ -76,10 +76,10 @@ def _quantile(n: int) -> float:
     return float(t.ppf(0.975, n - 1))
 
 
-def share_interval(successes: Sequence[bool], confidence: float = 0.95) -> Interval:
+def share_interval(successes: Sequence[bool]) -> Interval:
     """Return the share of successes [%] with its exact interval (Clopper and Pearson 1934)."""
     test = binomtest(sum(map(bool, successes)), len(successes))
-    limits = test.proportion_ci(confidence, method="exact")
+    limits = test.proportion_ci(0.95, method="exact")
     mean, low, high = (100.0 * float(share) for share in (test.statistic, *limits))
     return Interval(mean, low, high, test.n)
 
@@ -105,20 +105,3 @@ def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interva
     Common effects of a seed, such as its noise, cancel in the difference.
     """
     return mean_interval([b[key] - a[key] for key in sorted(a.keys() & b.keys())])
-
-
-def paired_share_difference(a: Mapping[Key, bool], b: Mapping[Key, bool]) -> Interval:
-    """Return the share of successes of b minus that of a [%], over the keys that both have.
-
-    The interval is conservative: the shares of the pairs that only b and only a succeeds in have
-    97.5 % each, so both hold with at least 95 %.
-    """
-    keys = sorted(a.keys() & b.keys())
-    only_a = share_interval([a[key] and not b[key] for key in keys], 0.975)
-    only_b = share_interval([b[key] and not a[key] for key in keys], 0.975)
-    mean, low, high = (
-        only_b.mean - only_a.mean,
-        only_b.low - only_a.high,
-        only_b.high - only_a.low,
-    )
-    return Interval(mean, low, high, len(keys))

@@ -62,7 +62,7 @@ class Column(NamedTuple):
     how: How = "mean"
 
 
-class Table(Section):
+class StudyTable(Section):
     """A table: its rows, and the columns of scores."""
 
     columns: Annotated[tuple[tuple[Any, ...], ...], msgspec.Meta(min_length=1)]
@@ -110,7 +110,7 @@ class Table(Section):
         return [self.unit] if isinstance(self.unit, str) else list(self.unit)
 
 
-class Figure(Section):
+class StudyFigure(Section):
     """A figure of the runs' scores, or of single runs."""
 
     name: Annotated[str, msgspec.Meta(pattern=r"^[\w-]+$")]
@@ -163,8 +163,8 @@ class Study(Section):
     `file` of their jobs."""
     derive: dict[Name, str] = msgspec.field(default_factory=dict)
     """Further columns of the frame, as expressions of the others."""
-    tables: tuple[Table, ...] = msgspec.field(name="table", default=())
-    figures: tuple[Figure, ...] = msgspec.field(name="figure", default=())
+    tables: tuple[StudyTable, ...] = msgspec.field(name="table", default=())
+    figures: tuple[StudyFigure, ...] = msgspec.field(name="figure", default=())
 
     def __post_init__(self) -> None:
         for name, count in Counter(case.name for case in self.cases).items():

@@ -23,7 +23,7 @@ from mecazen_experiments.statistics import (
     paired_ratio,
     share_interval,
 )
-from mecazen_experiments.study import Column, Label, Study, Table, check_known
+from mecazen_experiments.study import Column, Label, Study, StudyTable, check_known
 
 PAIRED = {"difference": paired_difference, "ratio": paired_ratio}
 """Ways to compare a row with the reference row, unit by unit."""
@@ -53,7 +53,7 @@ def make_tables(study: Study, frame: pd.DataFrame) -> list[TextTable]:
     return [table for table in tables if table.rows]
 
 
-def make_table(frame: pd.DataFrame, table: Table) -> TextTable:
+def make_table(frame: pd.DataFrame, table: StudyTable) -> TextTable:
     """Return a table of a frame.
 
     A row's cells are its labels, n (the number of independent units, and of runs if there are
@@ -111,7 +111,7 @@ def check(study: Study, frame: pd.DataFrame) -> None:
             check_known(name.removesuffix("_ratio"), scores, place, ConfigError)
 
 
-def _check_table(table: Table, frame: pd.DataFrame) -> None:
+def _check_table(table: StudyTable, frame: pd.DataFrame) -> None:
     where, known = f"table {table.title!r}", [*frame.columns]
     select(frame, table.where, f"{where}: where")
     for key, names in (("rows", table.rows), ("unit", table.units)):
@@ -166,7 +166,9 @@ def _groups(
     return groups
 
 
-def _reference(frame: pd.DataFrame, table: Table, values: Sequence[Label]) -> pd.DataFrame | None:
+def _reference(
+    frame: pd.DataFrame, table: StudyTable, values: Sequence[Label]
+) -> pd.DataFrame | None:
     """Return the runs of the row to compare with; None for that row itself."""
     labels = dict(zip(table.rows, values, strict=True))
     wanted = labels | table.reference

@@ -43,7 +43,7 @@ def beside(person, distance, bearing_deg, heading_deg):
 
 
 def whole(table, standoff=BACK):
-    return score(table, standoff).whole
+    return score(table, standoff)
 
 
 def covariances(matrix):

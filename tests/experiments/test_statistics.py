@@ -11,7 +11,6 @@ from mecazen_experiments.statistics import (
     most_per_hour,
     paired_difference,
     paired_ratio,
-    paired_share_difference,
     share_interval,
 )
 
@@ -88,17 +87,6 @@ def test_a_share_of_successes_has_its_exact_interval(successes, n, low, high):
     found = share_interval([True] * successes + [False] * (n - successes))
     assert (found.mean, found.n) == (pytest.approx(100.0 * successes / n), n)
     assert (found.low, found.high) == pytest.approx((low, high), abs=1e-3)
-
-
-def test_shares_are_compared_over_common_pairs_and_never_without_a_width():
-    everything = dict.fromkeys(range(15), True)
-    found = paired_share_difference(everything, everything)
-    # each of two shares of 0 of 15 with 97.5 %: p with (1 - p)^15 = 0.0125
-    wide = 100.0 - 100.0 * 0.0125 ** (1.0 / 15.0)
-    assert found == Interval(0.0, pytest.approx(-wide), pytest.approx(wide), 15)
-    found = paired_share_difference(everything | {0: False, 99: False}, everything | {1: False})
-    assert (found.mean, found.n) == (0.0, 15)
-    assert paired_share_difference({1: False, 2: True}, {1: True, 2: True}).mean == 50.0
 
 
 @pytest.mark.parametrize(("events", "most"), [(0, 2.996), (1, 4.744), (3, 7.754)])
