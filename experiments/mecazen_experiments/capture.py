@@ -104,13 +104,13 @@ def angles(joints: Floats) -> Floats:
 
 def capture(scenario: Scenario) -> Capture:
     """Simulate a scenario; return the true joints and the reported joints."""
-    found = observe_bodies(scenario)
-    table = found.table
-    truth, seen = motions(found.samples[TARGET_SKELETON.key], found.samples[SKELETONS.key])
+    observed = observe_bodies(scenario)
+    table = observed.table
+    truth, seen = motions(observed.samples[TARGET_SKELETON.key], observed.samples[SKELETONS.key])
     odom = table.poses("odom")
     at = table.ticks(seen.t)
     seen = seen.placed(Poses(*(column[at] for column in odom)))
-    return Capture(truth, seen, table, found.trajectory_sha256)
+    return Capture(truth, seen, table, observed.trajectory_sha256)
 
 
 def motions(bodies: list[m.Skeleton], frames: list[m.Skeletons]) -> tuple[Motion, Motion]:

@@ -161,9 +161,9 @@ def _left(joints: Floats, rate_hz: float) -> Floats:
     """
     left = lowpass(leftward(joints), rate_hz, TURNING_HZ)
     left /= np.hypot(*left.T)[:, None]
-    way = np.gradient(lowpass(joints[:, 0, :2], rate_hz, PATH_HZ), axis=0) * rate_hz
-    aside = way[:, 0] * left[:, 1] - way[:, 1] * left[:, 0]
-    wrong = (aside * np.median(aside) < 0.0) & (np.hypot(*way.T) > MIN_SPEED_M_S)
+    velocity = np.gradient(lowpass(joints[:, 0, :2], rate_hz, PATH_HZ), axis=0) * rate_hz
+    aside = velocity[:, 0] * left[:, 1] - velocity[:, 1] * left[:, 0]
+    wrong = (aside * np.median(aside) < 0.0) & (np.hypot(*velocity.T) > MIN_SPEED_M_S)
     return np.where(wrong[:, None], -left, left)
 
 
@@ -183,25 +183,26 @@ def cycle(seen: Motion, walk: WalkOnPath) -> tuple[float, Floats]:
 
     orders = np.tile(np.arange(1, HARMONICS + 1), 2)
     priors = [
-        np.diag(np.append(0.0, orders**2 / LIMB_M if of else orders / TRUNK_M)) for of in MOVES
+        np.diag(np.append(0.0, orders**2 / LIMB_M if swings else orders / TRUNK_M))
+        for swings in MOVES
     ]
 
     def fit(stride: float, which: Sequence[int]) -> tuple[Floats, float]:
         basis = _basis(t, stride)
-        series, rest = np.empty((basis.shape[1], len(which), 3)), 0.0
+        series, misfit = np.empty((basis.shape[1], len(which), 3)), 0.0
         for n, joint in enumerate(which):
             w = weights[:, joint, None]
             system = np.concatenate((w * basis, priors[joint]))
             wanted = np.zeros((len(system), 3))
             wanted[: len(t)] = w * joints[:, joint]
             series[:, n] = np.linalg.lstsq(system, wanted, rcond=None)[0]
-            rest += float(((system @ series[:, n] - wanted) ** 2).sum())
-        return series, rest
+            misfit += float(((system @ series[:, n] - wanted) ** 2).sum())
+        return series, misfit
 
     guess = 1.0 / stride_frequency(walk, seen.rate_hz)
     tried = guess * np.linspace(0.9, 1.1, 41)
-    rests = [fit(stride, ANKLES)[1] for stride in tried]
-    at = int(np.argmin(rests[1:-1])) + 1
+    misfits = [fit(stride, ANKLES)[1] for stride in tried]
+    at = int(np.argmin(misfits[1:-1])) + 1
     stride = minimize_scalar(
         lambda value: fit(value, ANKLES)[1],
         bounds=(tried[at - 1], tried[at + 1]),
@@ -232,7 +233,7 @@ def biases(joints: Floats, std: Floats) -> Floats:
         mean = placed.mean(axis=0)
         hips, shoulders = mean[HIPS], mean[SHOULDERS]
         pelvis, spine, neck = mean[TRUNK]
-        rest = (
+        terms = (
             x[len(BONES) :],
             (_lengths(placed) - x[: len(BONES)]) / BONE_STD_M,
             np.minimum(_flexions(placed), 0.0) / KNEE_STD_RAD,
@@ -243,7 +244,7 @@ def biases(joints: Floats, std: Floats) -> Floats:
             (hips[0] - hips[1])[[0, 2]] / PLACE_STD_M,
             _aside(mean) / PLACE_STD_M,
         )
-        return np.concatenate([part.ravel() for part in rest])
+        return np.concatenate([part.ravel() for part in terms])
 
     begin = np.concatenate((lengths, np.zeros(3 * len(FITTED))))
     return expand(least_squares(residuals, begin, x_scale="jac", ftol=1e-4).x)

@@ -79,17 +79,17 @@ def version(module: str) -> str:
 @cache
 def loaded(module: str) -> dict[str, Path]:
     """Return the files of code and data that a run by a module loads, by name."""
-    found: dict[str, Path] = {}
+    code: dict[str, Path] = {}
     waiting = [module, *_modules_of(SERVICES)]
     while waiting:
         name = waiting.pop()
         file = _file_of(name)
-        if name in found or file is None:
+        if name in code or file is None:
             continue
-        found[name] = file
+        code[name] = file
         # a package is imported before its modules
         waiting += [name.rpartition(".")[0], *_imports(name, file)]
-    folders = {file.parent for file in found.values() if file.name == "__init__.py"}
+    folders = {file.parent for file in code.values() if file.name == "__init__.py"}
     data = {
         f"{folder.name}/{path.relative_to(folder)}": path
         for folder in folders
@@ -99,7 +99,7 @@ def loaded(module: str) -> dict[str, Path]:
         and BUILT.isdisjoint(path.parts)
         and next(above for above in path.parents if (above / "__init__.py").exists()) == folder
     }
-    return found | data
+    return code | data
 
 
 def _modules_of(packages: Iterable[str]) -> list[str]:
