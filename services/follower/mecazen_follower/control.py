@@ -128,15 +128,17 @@ class PolarController:
 
         If the robot faces the person, it reaches its full speed along the line to the person, and
         the bearing yields until the robot is fast enough. So the robot turns the more, the nearer
-        the person's `velocity`, along the axes of the goal, takes the wheels to their limit. The
-        robot also turns until the person is in view. `off` is the person's direction from the
-        goal's heading [rad].
+        the wheels are to their limit, at the heading of the goal: by the person's motion, or by
+        the way along the line. The robot also turns until the person is in view.
+
+        Args:
+            velocity: The person's velocity along the axes of the goal [m/s].
+            away: The speed that is requested along the line, away from the person [m/s].
+            off: The person's direction from the heading of the goal [rad].
         """
-        askew = abs(math.cos(off)) + self._drive.sideways * abs(math.sin(off))
-        x, y = velocity
-        used = (
-            max(abs(x) + self._drive.sideways * abs(y), abs(away) * askew) / self._drive.rim_speed
-        )
+        line = away * math.cos(off), away * math.sin(off)
+        speeds = (abs(x) + self._drive.sideways * abs(y) for x, y in (velocity, line))
+        used = max(speeds) / self._drive.rim_speed
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
         half, centre, _ = self._view
         return off - min(max(off - facing, centre - half), centre + half)
