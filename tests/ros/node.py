@@ -16,7 +16,7 @@ from ros import grammar
 from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
 
 GID = bytes(range(16))
-GUARD_S = 20.0
+GUARD_S = 60.0
 """Far beyond what anything takes to come."""
 
 

@@ -18,7 +18,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-GUARD_S = 20.0
+GUARD_S = 60.0
 """Far beyond what anything takes to come."""
 SIMULATION = {  # of simulation_interfaces, which the SDK does not have
     "msg/Result": "uint8 result\nstring error_message\n",

@@ -6,7 +6,7 @@ import sys
 
 import nbformat
 import pytest
-from harness import ROOT
+from harness import COMMAND_GUARD_S, ROOT
 from mecazen import Simulation
 from mecazen.errors import MecazenError
 from rerun.notebook import Viewer
@@ -50,7 +50,7 @@ def test_the_notebook_prints_the_numbers_that_it_shows(tmp_path):
     copy = tmp_path / "notebook.ipynb"
     copy.write_bytes(NOTEBOOK.read_bytes())
     make = [sys.executable, str(ROOT / "docs" / "make_notebook.py"), str(copy)]
-    subprocess.run(make, check=True, timeout=120, capture_output=True)
+    subprocess.run(make, check=True, timeout=COMMAND_GUARD_S, capture_output=True)
     stored, made = printed(NOTEBOOK), printed(copy)
     assert NUMBER.sub("#", stored) == NUMBER.sub("#", made)
     numbers = [float(number) for number in NUMBER.findall(stored)]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from harness import SCENARIOS, Command, Newest, tools
+from harness import COMMAND_GUARD_S, SCENARIOS, Command, Newest, tools
 from mecazen import keys
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty
@@ -42,7 +42,7 @@ def zenoh_command(running, *arguments: str) -> list[object]:
 def zenoh_cli(running, *arguments: str, **options) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         zenoh_command(running, *arguments),
-        capture_output=True, text=True, check=True, timeout=60, **options,
+        capture_output=True, text=True, check=True, timeout=COMMAND_GUARD_S, **options,
     )  # fmt: skip
 
 
