@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
 import math
 import os
 from dataclasses import replace
@@ -118,7 +117,7 @@ def test_radius_lever_gain_and_mounting_come_out_of_data_without_noise():
 
 def test_planted_values_are_within_their_intervals_in_18_of_20_seeds():
     planted = {"radius_m": RADIUS, "lever_m": LEVER, "lateral_gain": GAIN}
-    inside, held, seeds = dict.fromkeys(planted, 0), dict.fromkeys(planted, 0), 20
+    held, seeds = dict.fromkeys(planted, 0), 20
     for seed in range(seeds):
         runs = [driven(100 * seed + run, noise_m=0.0003, seconds=40.0) for run in range(2)]
         units = run_units(runs, 0.0)
@@ -126,10 +125,8 @@ def test_planted_values_are_within_their_intervals_in_18_of_20_seeds():
         assert lines == ()
         for name, true in planted.items():
             estimate = values[name]
-            assert estimate.value == pytest.approx(true, rel=0.003)
-            inside[name] += abs(estimate.value - true) < estimate.curvature
+            assert estimate.mean == pytest.approx(true, rel=0.003)
             held[name] += estimate.low < true < estimate.high  # over eight blocks of 10 s
-    assert min(inside.values()) >= 18
     assert min(held.values()) >= 18
 
 
@@ -177,7 +174,7 @@ def test_drift_is_that_of_odometry_that_starts_at_the_reference():
 def test_a_clock_that_is_ahead_is_estimated():
     run = driven()
     late = replace(run, poses=np.concatenate([run.poses[:1].repeat(5, axis=0), run.poses[:-5]]))
-    assert clock_offset(OMNI4, [late]).value == pytest.approx(0.05, abs=0.001)
+    assert clock_offset(OMNI4, [late]).mean == pytest.approx(0.05, abs=0.001)
 
 
 def test_windows_with_a_gap_are_left_out_and_reported():
@@ -195,9 +192,9 @@ def test_a_reference_may_be_mounted_at_any_angle(degrees):
     result = identify(OMNI4, [replace(run, poses=run.poses + np.array([0.0, 0.0, turn]))])
     values = result.models["lateral gain free"].parameters
     for name, expected in {"radius_m": RADIUS, "lever_m": LEVER, "lateral_gain": GAIN}.items():
-        assert values[name].value == pytest.approx(expected, rel=0.003)  # as without a turn
+        assert values[name].mean == pytest.approx(expected, rel=0.003)  # as without a turn
     # the noise moves it by less than 0.1°
-    assert values["misalignment_rad"].value == pytest.approx(turn + MOUNTED[0], abs=0.002)
+    assert values["misalignment_rad"].mean == pytest.approx(turn + MOUNTED[0], abs=0.002)
     assert result.lateral_gain.mean == pytest.approx(GAIN, rel=0.003)
 
 
@@ -212,7 +209,7 @@ def result(sample):
 def test_the_recorded_robot_has_the_lateral_gain_of_six_rollers(result):
     assert result.lateral_gain.mean == pytest.approx(0.954, abs=0.003)
     assert result.roller_count == 6
-    assert result.geometry.parameters["radius_m"].value == pytest.approx(0.0306, abs=0.0003)
+    assert result.geometry.parameters["radius_m"].mean == pytest.approx(0.0306, abs=0.0003)
 
 
 def test_one_radius_fits_circles_and_squares_with_missing_time_made_up_for(sample):
@@ -231,7 +228,7 @@ def test_an_identified_robot_turns_in_the_simulation_as_identified(result, sampl
     robot = identified_robot(OMNI4, parameters, result.roller_count, sample[0])
     assert robot.rollers.count == 6
     run = sample[4]  # not the one by which the lever is set
-    lever, radius = (parameters[name].value for name in ("lever_m", "radius_m"))
+    lever, radius = (parameters[name].mean for name in ("lever_m", "radius_m"))
     expected = (run.wheels[-1] - run.wheels[0]) @ TURNS * radius / 4.0 / lever
     # the yaw gain depends on the rollers' phases: 1.5 % at most
     assert simulated(robot, run)[-1, 2] == pytest.approx(expected, rel=0.005)
@@ -258,9 +255,8 @@ def validated(tmp_path_factory):
 
 
 def test_a_validation_reports_the_drift_of_models_and_of_the_simulation(validated):
-    names = {"validation.md", "identification.json", "robot.toml", "lateral_gain.png"}
-    assert {file.name for file in validated.iterdir()} == names
-    assert json.loads((validated / "identification.json").read_bytes())["runs"] == 8
+    assert {file.name for file in validated.iterdir()} == {"validation.md", "robot.toml"}
+    assert "from 8 runs" in (validated / "robot.toml").read_text()
     rows = [
         [cell.strip() for cell in line.split("|")[1:4]]
         for line in (validated / "validation.md").read_text().splitlines()
@@ -434,7 +430,7 @@ def swapped(run, *order):
         (lambda r: replace(r, wheels=r.wheels * [1, -1, 1, 1]), "do not explain"),
         (lambda r: replace(r, wheels=np.sin(r.wheels)), "do not explain the reference's motion"),
         (lambda r: replace(r, wheels=np.degrees(r.wheels)), "wheels of radius 0.00052"),
-        (lambda r: replace(r, poses=r.poses * [1, 1, 57.3]), "must be in radians, not degrees"),
+        (lambda r: replace(r, poses=r.poses * [1, 1, 57.3]), "do not explain"),
         (lambda r: replace(r, poses=0.0 * r.poses), "the reference must move and turn"),
     ],
 )

@@ -26,9 +26,9 @@ def identify(
     robot: Annotated[
         str, Option(metavar="ROBOT", help="The robot file from which a fit begins.")
     ] = "nexus",
-    out: Annotated[
-        Path, Option(metavar="FOLDER", help="Where report, figure and robot file go.")
-    ] = Path("identified"),
+    out: Annotated[Path, Option(metavar="FOLDER", help="Where report and robot file go.")] = Path(
+        "identified"
+    ),
     *,
     validate: Annotated[
         bool,
@@ -61,20 +61,20 @@ def identify(
     files.make_folder(out, "--out")
     if validate:
         validation, changed = validated(base, runs)
-        result, sessions = validation.identification, validation.sessions
-        name, lines = "validation.md", [*report.validation_lines(validation)]
+        result, lines = validation.identification, [*report.validation_lines(validation)]
         typer.echo("\n".join(lines))
     else:
         result = kinematics.identify(base, runs, logs)
-        sessions = result.sessions
+        lines = [*report.identification_lines(result)]
         changed = identified_robot(base, result.geometry.parameters, result.roller_count, runs[0])
         if result.motors:
             real = motors.identified_motors(result.motors)
             changed = msgspec.structs.replace(changed, motors=real)
-        name, lines = "report.md", [*report.identification_lines(result)]
-        typer.echo(f"lateral over forward gain: {report.interval(result.lateral_gain, 4)}")
+        typer.echo(f"lateral over forward gain: {report.interval(result.lateral_gain, '.4f')}")
         typer.echo(f"most likely number of rollers: {result.roller_count}")
         for note in result.notes:
             typer.echo(note, err=True)
-    for file in report.write(out / name, lines, sessions, result, changed):
-        typer.echo(file)
+    name = "validation.md" if validate else "report.md"
+    files.write(out / name, ("\n".join(lines) + "\n").encode(), "--out")
+    files.write(out / "robot.toml", report.robot_file(changed, result).encode(), "--out")
+    typer.echo(f"{out / name}\n{out / 'robot.toml'}")

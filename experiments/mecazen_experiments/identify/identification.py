@@ -13,7 +13,6 @@ from scipy.optimize import minimize_scalar
 from mecazen_experiments.identify.data import MotorLog, Run
 from mecazen_experiments.identify.models import (
     ROLLER_COUNTS,
-    FittedValue,
     Unit,
     estimates,
     fit,
@@ -42,7 +41,7 @@ OFFSET_RUNS = 24
 class ModelResult:
     """A model's parameters, and sentences on those that are not determined."""
 
-    parameters: Mapping[str, FittedValue]
+    parameters: Mapping[str, Interval]
     ambiguities: tuple[str, ...]
 
 
@@ -64,14 +63,14 @@ class Identification:
     robot: str
     runs: int
     duration_s: float
-    offset_s: FittedValue
+    offset_s: Interval
     """Offset of the reference's clock ahead of that of the wheels."""
     models: Mapping[str, ModelResult]
     rollers: Mapping[int, Interval]
     """By number of rollers: log-likelihood of the most likely number minus that of this number, for
     all windows, with its interval over sessions."""
     sessions: tuple[SessionResult, ...]
-    motors: Mapping[str, FittedValue]
+    motors: Mapping[str, Interval]
     """Parameters of the motors, if commands are recorded."""
     notes: tuple[str, ...]
 
@@ -100,10 +99,10 @@ def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -
     for session in sessions(runs):
         check_wheels(session, total(moments(r) for r in runs if r.session == session), robot)
     offset = clock_offset(robot, runs)
-    units = run_units(runs, offset.value)
+    units = run_units(runs, offset.mean)
     behind = _roller_counts(robot, runs, units)
     likeliest = rollers(robot, min(behind, key=lambda count: behind[count].mean))
-    independent = independent_units(runs, units, offset.value)
+    independent = independent_units(runs, units, offset.mean)
     models = (ideal(robot), likeliest, lateral(robot))
     motors, notes = identify_motors(logs) if logs else ({}, ())
     return Identification(
@@ -113,7 +112,7 @@ def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -
         offset,
         {model.name: ModelResult(*estimates(fit(model, units), independent)) for model in models},
         behind,
-        session_results(runs, offset.value, robot),
+        session_results(runs, offset.mean, robot),
         motors,
         (*gap_lines(runs), *notes),
     )
@@ -149,7 +148,7 @@ def independent_units(runs: Sequence[Run], units: Sequence[Unit], offset_s: floa
     return [(group, total(parts)) for (_, group), parts in by_session.items()]
 
 
-def clock_offset(robot: Robot, runs: Sequence[Run]) -> FittedValue:
+def clock_offset(robot: Robot, runs: Sequence[Run]) -> Interval:
     """Return the offset by which the reference's clock is ahead of that of the wheels."""
     chosen = runs[:: math.ceil(len(runs) / OFFSET_RUNS)]
 
@@ -167,7 +166,7 @@ def clock_offset(robot: Robot, runs: Sequence[Run]) -> FittedValue:
     windows = sum(part.count for _, part in run_units(chosen, 0.0))
     bend = windows * (cost(best + step) + cost(best - step) - 2.0 * cost(best)) / step**2
     half = 1.96 / math.sqrt(bend) if bend > 0.0 else math.inf
-    return FittedValue(best, best - half, best + half, half)
+    return Interval(best, best - half, best + half, windows)
 
 
 def _roller_counts(robot: Robot, runs: Sequence[Run], units: Sequence[Unit]) -> dict[int, Interval]:

@@ -9,8 +9,7 @@ The ideal kinematics have g = 1; a wheel of N rollers has g = sin(π/N)/(π/N).
 
 Residuals of windows are normal, with one deviation for position and one for yaw in each group of
 runs; both are estimated. Windows of a run are not quite independent, so the intervals are over
-sessions, or over blocks of windows of a single session. Intervals from the curvature are given for
-comparison.
+sessions, or over blocks of windows of a single session.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from scipy.optimize import least_squares
 
 from mecazen_experiments.identify.data import Array
 from mecazen_experiments.identify.windows import Moments, gains, ideal_matrix, in_reference, total
-from mecazen_experiments.statistics import jackknife
+from mecazen_experiments.statistics import Interval, jackknife
 
 FRAME = ("misalignment_rad", "offset_x_m", "offset_y_m")
 """Mounting of the reference on the robot: its yaw, and its position in base_link."""
@@ -97,18 +96,6 @@ def lateral(robot: Robot) -> Model:
 
 
 @dataclass(frozen=True)
-class FittedValue:
-    """A parameter with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-    """Interval over sessions or blocks of windows; NaN without a second one to fit to."""
-    curvature: float
-    """Half of the interval from the curvature of the likelihood."""
-
-
-@dataclass(frozen=True)
 class Fit:
     """A model fitted to groups of runs."""
 
@@ -147,26 +134,25 @@ def fit(model: Model, units: Sequence[Unit]) -> Fit:
     return _fit(model, _sums(units))
 
 
-def estimates(fitted: Fit, units: Sequence[Unit]) -> tuple[dict[str, FittedValue], tuple[str, ...]]:
+def estimates(fitted: Fit, units: Sequence[Unit]) -> tuple[dict[str, Interval], tuple[str, ...]]:
     """Return the parameters with intervals, and sentences on undetermined parameters.
 
     Args:
         fitted: The fit.
         units: The independent parts of the data.
     """
-    spread = covariance(fitted.slopes)
 
     def values(kept: Sequence[Unit]) -> list[float]:
         again = _fit(fitted.model, _sums(kept), fitted).by_name
         return [again.get(name, math.nan) for name in fitted.by_name]  # NaN without the group
 
     result = {}
-    for (name, value), interval, variance in zip(
-        fitted.by_name.items(), jackknife(values, units), np.diag(spread), strict=True
+    for (name, value), interval in zip(
+        fitted.by_name.items(), jackknife(values, units), strict=True
     ):
-        half = interval.high - interval.mean if len(units) > 1 else math.nan
-        result[name] = FittedValue(value, value - half, value + half, 1.96 * math.sqrt(variance))
-    return result, ambiguities([*result], spread)
+        half = interval.high - interval.mean
+        result[name] = Interval(value, value - half, value + half, interval.n)
+    return result, ambiguities([*result], covariance(fitted.slopes))
 
 
 def _sums(units: Sequence[Unit]) -> dict[str, Moments]:

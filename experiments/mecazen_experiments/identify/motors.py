@@ -16,8 +16,9 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from mecazen_experiments.identify.data import Array, MotorLog
-from mecazen_experiments.identify.models import FittedValue, ambiguities, covariance
+from mecazen_experiments.identify.models import ambiguities, covariance
 from mecazen_experiments.identify.windows import SIDES, TURNS
+from mecazen_experiments.statistics import Interval
 
 MAX_DELAY_S = 0.2
 LAGS_S = (0.01, 0.05, 0.2)
@@ -71,7 +72,7 @@ def _late(values: Array, steps: int) -> Array:
     return np.concatenate([np.zeros((steps, values.shape[1])), values[: len(values) - steps]])
 
 
-def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, FittedValue], tuple[str, ...]]:
+def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, Interval], tuple[str, ...]]:
     """Return the parameters of the motors, and sentences on undetermined parameters.
 
     Intervals are from the curvature. Friction is included if efforts are recorded.
@@ -100,17 +101,17 @@ def identify_motors(logs: Sequence[MotorLog]) -> tuple[dict[str, FittedValue], t
     halves = 1.96 * np.sqrt(np.diag(spread))
     known = [index for index, name in enumerate(NAMES) if has_load or name != "sag_per_nm"]
     lines = ambiguities([NAMES[index] for index in known], spread[np.ix_(known, known)])
-    result = {NAMES[i]: _estimate(solution.x[i], halves[i]) for i in known}
+    result = {NAMES[i]: _interval(solution.x[i], halves[i], len(solution.fun)) for i in known}
     if has_load:
         result |= _friction(logs, solution.x)
     return result, lines
 
 
-def _estimate(value: float, half: float) -> FittedValue:
-    return FittedValue(float(value), float(value - half), float(value + half), float(half))
+def _interval(value: float, half: float, count: int) -> Interval:
+    return Interval(float(value), float(value - half), float(value + half), count)
 
 
-def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, FittedValue]:
+def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, Interval]:
     """Return Coulomb and viscous friction from the efforts while the robot drives steadily ahead.
 
     In these intervals rollers do not spin, and nothing accelerates. Wheels with different gains
@@ -138,14 +139,14 @@ def _friction(logs: Sequence[MotorLog], values: Array) -> dict[str, FittedValue]
     variance = float(np.mean(np.square(effort - design @ friction)))
     halves = 1.96 * np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
     return {
-        "coulomb_nm": _estimate(friction[0], halves[0]),
-        "viscous_nms": _estimate(friction[1], halves[1]),
+        "coulomb_nm": _interval(friction[0], halves[0], len(effort)),
+        "viscous_nms": _interval(friction[1], halves[1], len(effort)),
     }
 
 
-def identified_motors(parameters: Mapping[str, FittedValue]) -> RealMotors:
+def identified_motors(parameters: Mapping[str, Interval]) -> RealMotors:
     """Return the motors of the robot file."""
-    values = {name: max(estimate.value, 0.0) for name, estimate in parameters.items()}
+    values = {name: max(interval.mean, 0.0) for name, interval in parameters.items()}
     gains = [round(values[f"gain of {wheel}"], 5) for wheel in WHEELS]
     common = {
         name: round(values[name], 6)

@@ -17,8 +17,8 @@ from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
 
 from mecazen_experiments.identify.data import Array, Run
-from mecazen_experiments.identify.models import FittedValue
 from mecazen_experiments.identify.windows import TURNS, shifted
+from mecazen_experiments.statistics import Interval
 
 ROLLER_SHARE = 0.3
 """Maximum rotation of a wheel in a step at its highest speed, as a share of the roller pitch."""
@@ -61,7 +61,7 @@ def mounted(poses: Array, mounting: Array) -> Array:
 
 
 def identified_robot(
-    robot: Robot, parameters: Mapping[str, FittedValue], count: int, run: Run
+    robot: Robot, parameters: Mapping[str, Interval], count: int, run: Run
 ) -> Robot:
     """Return the robot file with the identified radius, lever and number of rollers.
 
@@ -72,7 +72,7 @@ def identified_robot(
     Raises:
         ConfigError: Such a robot can't be simulated.
     """
-    radius, lever = (parameters[name].value for name in ("radius_m", "lever_m"))
+    radius, lever = (parameters[name].mean for name in ("radius_m", "lever_m"))
     unscaled = _scaled(robot, radius, lever / robot.lever, count)
     end = round(TURNED_S / run.period_s)
     short = replace(run, times=run.times[:end], poses=run.poses[:end], wheels=run.wheels[:end])

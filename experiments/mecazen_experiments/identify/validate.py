@@ -5,7 +5,6 @@ The unit of independence is a session: its runs share the floor, the mounting an
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,10 +16,8 @@ from mecazen.robot import Robot
 from mecazen_experiments.identify.data import Array, Run
 from mecazen_experiments.identify.identification import (
     Identification,
-    SessionResult,
     identify,
     run_units,
-    session_results,
     sessions,
 )
 from mecazen_experiments.identify.models import fit, ideal, lateral, rollers
@@ -55,10 +52,6 @@ class Validation:
     """By model and kind of path."""
     identification: Identification
     """Identification from the sessions for fitting only."""
-    sessions: tuple[SessionResult, ...]
-    """Lateral gain of all sessions."""
-    duration_s: float
-    """Duration of the held-out runs [s]."""
 
 
 def split(runs: Sequence[Run]) -> tuple[list[Run], list[Run]]:
@@ -88,7 +81,7 @@ def validate(robot: Robot, runs: Sequence[Run]) -> tuple[Validation, Robot]:
     """Fit on some sessions, and return the drift on the others and the identified robot."""
     fitted, held_out = split(runs)
     identification = identify(robot, fitted)
-    offset_s, count = identification.offset_s.value, identification.roller_count
+    offset_s, count = identification.offset_s.mean, identification.roller_count
     changed = identified_robot(robot, identification.geometry.parameters, count, fitted[0])
     units = run_units(fitted, offset_s)
     geometry = fit(rollers(robot, count), units)
@@ -112,8 +105,6 @@ def validate(robot: Robot, runs: Sequence[Run]) -> tuple[Validation, Robot]:
             for model, poses in paths.items()
         },
         identification,
-        session_results(runs, offset_s, robot),
-        math.fsum(float(run.times[-1] - run.times[0]) for run in held_out),
     ), changed
 
 

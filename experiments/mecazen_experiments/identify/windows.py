@@ -41,7 +41,7 @@ TURNS = np.array([-1.0, 1.0, -1.0, 1.0])
 SUSPICIOUS = 0.2
 """Residuals above this share of the motion cannot be explained by noise."""
 UNIT_RATIO = 3.0
-"""Maximum factor between identified radius and lever and those of the robot file."""
+"""Maximum factor between the identified radius and that of the robot file."""
 
 
 @dataclass(frozen=True)
@@ -194,15 +194,9 @@ def check_wheels(name: str, sums: Moments, robot: Robot) -> None:
     if sums.count == 0 or min(sums.squares) == 0.0:
         raise ConfigError(f"{name}: the reference must move and turn")
     patterns, turn, residual = gains(sums)
-    # one number for each of position and yaw, so that motion along a single axis is enough
     shape = in_reference(ideal_matrix(robot, 1.0, robot.lever), np.array([turn, 0.0, 0.0]))
-    radius, turning = np.abs(sums.mixed @ shape / (sums.products @ shape @ shape)).tolist()
+    radius = abs(float(sums.mixed[0] @ shape / (shape @ sums.products[0] @ shape)))
     nominal = robot.wheels.radius_m
-    if _is_near(turning, math.degrees(nominal)) and not _is_near(radius, turning):
-        raise ConfigError(
-            f"{name}: yaw turns {turning / nominal:.3g} times as far as the wheels turn the robot: "
-            "it must be in radians, not degrees"
-        )
     expected = ideal_matrix(robot, nominal, robot.lever)[:, 1]
     if residual > SUSPICIOUS**2 or np.any(patterns < -0.5 * expected):
         raise ConfigError(
@@ -210,15 +204,11 @@ def check_wheels(name: str, sums: Moments, robot: Robot) -> None:
             f"order {', '.join(WHEELS)}, that each turns forward as the robot does, and that time "
             "is in seconds and all angles in radians"
         )
-    if not _is_near(radius, nominal):
+    if not 1.0 / UNIT_RATIO < radius / nominal < UNIT_RATIO:
         raise ConfigError(
             f"{name}: wheels of radius {radius:.3g} m would fit, but the robot file has "
             f"{nominal:g} m; angles and positions must be in the units of the format"
         )
-
-
-def _is_near(value: float, expected: float) -> bool:
-    return 1.0 / UNIT_RATIO < value / expected < UNIT_RATIO
 
 
 def odometry(run: Run, coefficients: Array) -> Array:
