@@ -130,7 +130,7 @@ def test_beams_go_counter_clockwise_from_behind():
 
 
 @pytest.mark.parametrize(
-    ("person", "boxes", "others", "is_seen"),
+    ("person", "boxes", "pedestrians", "is_seen"),
     [
         ((5.2, 0.0), NO_BOX, [], True),
         ((5.4, 0.0), NO_BOX, [], False),
@@ -140,8 +140,8 @@ def test_beams_go_counter_clockwise_from_behind():
         ((4.0, 0.9), NO_BOX, [(1.5, 0.0)], True),  # a part beside is enough
     ],
 )
-def test_people_are_seen_within_range_and_not_behind_things(person, boxes, others, is_seen):
-    people, area = np.array([person, *others]), KnownArea()
+def test_people_are_seen_within_range_and_not_behind_things(person, boxes, pedestrians, is_seen):
+    people, area = np.array([person, *pedestrians]), KnownArea()
     area.update(scan(Pose2D(), people, boxes))
     assert area.sees(Pose2D(), people)[0] == is_seen
 

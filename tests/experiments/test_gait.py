@@ -85,14 +85,14 @@ def test_a_stride_with_a_missing_event_is_left_out():
 
 def test_a_summary_has_means_deviations_and_asymmetries_of_the_strides():
     t, joints, events = by_hand()
-    found = strides(t, joints, events)
-    gait = summary(found)
+    measured = strides(t, joints, events)
+    gait = summary(measured)
     assert gait.left["step_time_s"] == Spread(pytest.approx(0.6), pytest.approx(0.0, abs=1e-9), 2)
     assert gait.right["step_time_s"] == Spread(pytest.approx(0.4), None, 1)
     assert gait.difference("step_time_s") == pytest.approx(0.2)
     assert gait.asymmetry_percent("step_time_s") == pytest.approx(40.0)
     assert gait.sd("step_time_s") is None
-    assert summary(found[:2]) is None
+    assert summary(measured[:2]) is None
 
 
 @pytest.mark.parametrize("speed", [0.6, 1.3])
@@ -101,16 +101,16 @@ def test_events_are_near_those_of_planted_feet(speed):
     truth = planted(t, joints)
     true = summary(strides(t, joints, truth))
     events = zeni(t, about_path(joints, 50.0)).corrected()
-    found = summary(strides(t, joints, events))
+    measured = summary(strides(t, joints, events))
     turns = np.unwrap(phases[:, 0], period=1.0)
     stride_s = (t[-1] - t[0]) / (turns[-1] - turns[0])
-    for gait in (true, found):
+    for gait in (true, measured):
         assert gait.mean("stride_time_s") == pytest.approx(stride_s, abs=0.002)
         assert gait.mean("stride_length_m") == pytest.approx(speed * stride_s, abs=0.005)
         assert gait.mean("step_width_m") == pytest.approx(0.1, abs=0.003)
         assert gait.asymmetry_percent("step_time_s") == pytest.approx(0.0, abs=2.0)
     # the constants hold for all speeds only about: see docs/gait.md
-    assert found.mean("stance_percent") == pytest.approx(true.mean("stance_percent"), abs=2.0)
+    assert measured.mean("stance_percent") == pytest.approx(true.mean("stance_percent"), abs=2.0)
     assert max(map(abs, events.less(truth))) < 0.025
 
 
@@ -125,10 +125,10 @@ def test_a_limp_is_found_in_its_steps_and_stances():
     t, joints, _ = person(0.8, rate_hz=50.0, body=Body(limp=limp))
     true = summary(strides(t, joints, planted(t, joints)))
     events = zeni(t, about_path(joints, 50.0)).corrected()
-    found = summary(strides(t, joints, events))
+    measured = summary(strides(t, joints, events))
     assert true.difference("stance_percent") == pytest.approx(8.0, abs=1.0)
-    assert found.difference("stance_percent") == pytest.approx(8.0, abs=5.0)  # by extrema
-    for gait in (true, found):
+    assert measured.difference("stance_percent") == pytest.approx(8.0, abs=5.0)  # by extrema
+    for gait in (true, measured):
         assert gait.asymmetry_percent("step_length_m") == pytest.approx(-20.0, abs=3.0)
 
 
@@ -173,10 +173,10 @@ def test_stride_times_vary_as_in_truth_despite_noise(speed):
     seen = reported(t, drifting(joints, 0.02), 0.02)
     filtered = smooth(seen)
     by_extrema = summary(strides(t, filtered, zeni(t, about_path(filtered, RATE_HZ))))
-    found = seen_stages(seen)["filtered"].gait.sd("stride_time_s")
+    measured = seen_stages(seen)["filtered"].gait.sd("stride_time_s")
     # noise of 20 mm is 20 ms of a foot that swings at 1 m/s, and 16 signals together have 5 ms
-    assert found == pytest.approx(true, abs=0.005)
-    assert abs(found - true) < abs(by_extrema.sd("stride_time_s") - true)
+    assert measured == pytest.approx(true, abs=0.005)
+    assert abs(measured - true) < abs(by_extrema.sd("stride_time_s") - true)
 
 
 def test_events_are_at_one_place_of_the_cycle_and_none_is_missing():

@@ -169,7 +169,6 @@ class KnownArea:
     def __init__(self) -> None:
         side = 2 * HALF_M * PER_M
         self.cells: Bools = np.zeros((side, side), bool)
-        self._sums: Ints = np.zeros((side + 1, side + 1), np.int64)
         self.update(np.full(BEAMS, RANGE))
 
     def update(self, ranges: Floats) -> None:
@@ -194,7 +193,6 @@ class KnownArea:
             drawn[row + dr, column + dc] = True
         top, start = (low + HALF_M) * PER_M, (left + HALF_M) * PER_M
         self.cells[top : top + len(drawn), start : start + drawn.shape[1]] = drawn
-        self._sums[1:, 1:] = self.cells.cumsum(axis=0, dtype=np.int64).cumsum(axis=1)
 
     def sees(self, pose: Pose2D, people: Floats) -> Bools:
         """Return which of the people at (n, 2) are visible from a pose (n).
@@ -207,11 +205,13 @@ class KnownArea:
         side = len(self.cells)
         near = np.hypot(*relative.T) - PERSON_RADIUS <= RANGE
         near &= np.all((low >= 0) & (high < side), axis=1)
-        (left, bottom), (right, top) = np.clip(low, 0, side).T, np.clip(high, 0, side).T
-        sums = self._sums
-        known = sums[top, right] - sums[bottom, right] - sums[top, left] + sums[bottom, left]
-        seen: Bools = near & (known > 0)
-        return seen
+        squares = zip(near.tolist(), low.tolist(), high.tolist(), strict=True)
+        return np.array(
+            [
+                is_near and bool(self.cells[bottom:top, left:right].any())
+                for is_near, (left, bottom), (right, top) in squares
+            ]
+        )
 
 
 def _outline(row: Ints, column: Ints) -> tuple[Ints, Ints]:
