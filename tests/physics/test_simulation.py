@@ -67,19 +67,9 @@ def speeds(states: list[list[RobotState]]) -> list[float]:
 
 
 def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus):
-    starts = [Pose2D(), Pose2D(0.0, 1.0, 1.0)]
-    commands = [FORWARD, WheelCommand([6.0, -6.0, -6.0, 6.0])]
-    together = drive(world_with(nexus, *starts), 60, *commands)[-1]
-    apart = [
-        drive(world_with(nexus, start), 60, command)[-1][0]
-        for start, command in zip(starts, commands, strict=True)
-    ]
-    assert together == apart
-
-
-def test_robots_apart_are_pushed_as_each_would_be_by_itself_to_the_bit(nexus):
-    starts = [Pose2D(), Pose2D(0.0, 3.0)]
-    commands = [STAND, FORWARD]
+    starts = [Pose2D(), Pose2D(0.0, 3.0), Pose2D(0.0, 1.0, 1.0)]
+    # four wheels of the third change their lowest roller within one step
+    commands = [STAND, FORWARD, WheelCommand([6.0, -6.0, -6.0, 6.0])]
     obstacle = Cylinder(size_m=(0.1, 0.5), position_m=(0.4, 3.0))
     walk = Twist2D(x=0.4)
 
@@ -92,8 +82,8 @@ def test_robots_apart_are_pushed_as_each_would_be_by_itself_to_the_bit(nexus):
             world.advance([commands[number] for number in numbers], STEPS)
         return [robot.state for robot in world.robots]
 
-    together = run(0, 1)
-    assert together == [*run(0), *run(1)]
+    together = run(0, 1, 2)
+    assert together == [*run(0), *run(1), *run(2)]
     assert together[0].position[0] > 0.0  # by the person
     assert together[1].position[0] < 0.15  # where the obstacle stops it
 

@@ -171,19 +171,22 @@ class RobotBody:
         lowest = [-round(angle / self._pitch) % count for angle in angles]
         if lowest != self._lowest:
             self._lowest = lowest
+            near = [
+                shapes[number + offset]
+                for shapes, number in zip(self._shapes, lowest, strict=True)
+                for offset in (-1, 0, 1 - count)
+            ]
+            # First all that is hidden: what Bullet removes makes room for what it added last.
             self.world.hide(self._base_shapes)
-            for shapes, number in zip(self._shapes, lowest, strict=True):
-                near = [shapes[number - 1], shapes[number], shapes[number + 1 - count]]
+            for shapes in self._shapes:
                 self.world.hide(shape for shape in shapes if shape not in near)
-                self.world.show(near)
+            self.world.show(near)
 
     def expose_all(self) -> None:
         """Let the base and all rollers collide."""
         if self._lowest:
             self._lowest = []
-            self.world.show(self._base_shapes)
-            for shapes in self._shapes:
-                self.world.show(shapes)
+            self.world.show_all()
 
     def add_rims(self) -> None:
         """Add the rims of the wheels, which obstacles, people and other robots touch.

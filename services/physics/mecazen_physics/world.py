@@ -159,6 +159,11 @@ class DartWorld:
                 del self._hidden[shape]
                 group.addShapeFrame(shape)
 
+    def show_all(self) -> None:
+        """Let all hidden shapes collide again."""
+        self._hidden.clear()
+        self.renew_detector()
+
     def keep_apart(self, bodies: Sequence[Any], others: Sequence[Any]) -> None:
         """Disable collisions between `bodies` and `others`."""
         collisions = self._solver.getCollisionOption().collisionFilter
