@@ -17,6 +17,9 @@ HEADROOM = 0.2
 """Share of the wheel speed to keep in reserve; if following uses it, the robot turns to the
 person."""
 
+CATCH_UP_M_S = 0.2
+"""Speed at which to close a gap to a person who walks away: with less, the robot is left behind."""
+
 LINEAR_BRAKING_M_S2, HEADING_BRAKING_RAD_S2 = 2.0, 6.0
 """Decelerations that the robot can achieve."""
 MARGIN = math.radians(15.0)
@@ -96,7 +99,6 @@ class PolarController:
 
         linear = law.linear_gain_1_s, LINEAR_BRAKING_M_S2
         away, around = rotate(*with_person, -bearing)
-        away += approach(self._standoff.distance - distance, *linear)
         # direction of the person, relative to the goal's heading
         centre = self._view.centre
         off = wrap(bearing + math.pi - goal.yaw - centre) + centre
@@ -110,6 +112,7 @@ class PolarController:
         error = wrap(goal.yaw + facing - robot.yaw)
         yaw = feed_forward + approach(error, law.heading_gain_1_s, HEADING_BRAKING_RAD_S2)
 
+        away += approach(self._standoff.distance - distance, *linear)
         around += distance * turn + approach(distance * wrap(wanted - bearing), *linear)
         yaw = min(max(yaw, -law.max_yaw_rate_rad_s), law.max_yaw_rate_rad_s)
         self._last = allocate(
@@ -129,14 +132,16 @@ class PolarController:
         If the robot faces the person, it reaches its full speed along the line to the person, and
         the bearing yields until the robot is fast enough. So the robot turns the more, the nearer
         the wheels are to their limit, at the heading of the goal: by the person's motion, or by
-        the way along the line. The robot also turns until the person is in view.
+        its part along the line with `CATCH_UP_M_S` in addition. The robot also turns until the
+        person is in view.
 
         Args:
             velocity: The person's velocity along the axes of the goal [m/s].
-            away: The speed that is requested along the line, away from the person [m/s].
+            away: The part of the velocity along the line, away from the person [m/s].
             off: The person's direction from the heading of the goal [rad].
         """
-        line = away * math.cos(off), away * math.sin(off)
+        catching_up = abs(away) + CATCH_UP_M_S
+        line = catching_up * math.cos(off), catching_up * math.sin(off)
         speeds = (abs(x) + self._drive.sideways * abs(y) for x, y in (velocity, line))
         used = max(speeds) / self._drive.rim_speed
         facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
