@@ -131,9 +131,9 @@ class PolarController:
 
         If the robot faces the person, it reaches its full speed along the line to the person, and
         the bearing yields until the robot is fast enough. So the robot turns the more, the nearer
-        the wheels are to their limit, at the heading of the goal: by the person's motion, or by
-        its part along the line with `CATCH_UP_M_S` in addition. The robot also turns until the
-        person is in view.
+        the person's motion takes the wheels to their limit at the heading of the goal; up to twice
+        as far, if its part along the line with `CATCH_UP_M_S` does, since the robot lags askew. It
+        also turns until the person is in view.
 
         Args:
             velocity: The person's velocity along the axes of the goal [m/s].
@@ -141,12 +141,17 @@ class PolarController:
             off: The person's direction from the heading of the goal [rad].
         """
         catching_up = abs(away) + CATCH_UP_M_S
-        line = catching_up * math.cos(off), catching_up * math.sin(off)
-        speeds = (abs(x) + self._drive.sideways * abs(y) for x, y in (velocity, line))
-        used = max(speeds) / self._drive.rim_speed
-        facing = off * min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
+        by_line = self._share_of_limit(catching_up * math.cos(off), catching_up * math.sin(off))
+        by_motion = self._share_of_limit(*velocity)
+        # beside a slower person the robot stays on its axis, and does not turn through the skew
+        facing = off * max(by_motion, min(by_line, 2.0 * by_motion))
         half, centre, _ = self._view
         return off - min(max(off - facing, centre - half), centre + half)
+
+    def _share_of_limit(self, x: float, y: float) -> float:
+        """Return how far a velocity in base_link [m/s] takes the wheels into `HEADROOM`: 0 to 1."""
+        used = (abs(x) + self._drive.sideways * abs(y)) / self._drive.rim_speed
+        return min(max((used - 1.0) / HEADROOM + 1.0, 0.0), 1.0)
 
     def resume(self, twist: Twist2D) -> None:
         """Continue from a twist in base_link that was commanded instead of the last output."""
