@@ -8,6 +8,7 @@ from harness import wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Process, Scenario
+from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import ResetRequest
@@ -49,7 +50,12 @@ class Stack:
         Services do not wait for this bus, so its links may come after the first ticks.
         """
         self.wait(lambda: trajectory.done)
-        run = self.call(keys.SIM_RESET, ResetRequest(seed=self.scenario.seed)).run
+        run = None
+        while run is None:
+            try:
+                run = self.call(keys.SIM_RESET, ResetRequest(seed=self.scenario.seed), 2.0).run
+            except BusError:  # the clock waits until this bus has taken its samples
+                self.bus.drain()
         trajectory.reset()
         return run
 

@@ -10,7 +10,7 @@ from mecazen.loading import load_scenario, scenario_path
 from mecazen.wheels import WheelCommand
 from mecazen_physics.world import GRAVITY
 
-from docs.pictures import charts, rollers
+from docs.pictures import rollers
 from docs.pictures.__main__ import DOCS, PICTURES
 
 MADE = re.compile(r"<!-- by hand: drawn by make pictures -->\n((?:.*!\[[^\]]*\]\([^)]*\).*\n)+)")
@@ -33,18 +33,6 @@ def test_every_picture_that_a_document_shows_is_made_and_every_one_made_is_shown
     assert {file for file, _ in shown()} - OF_EXPERIMENTS == made
     assert all(file.exists() for file in made)
     assert all(text for _, text in shown())
-
-
-def test_bars_have_the_figures_and_intervals_of_table_2():
-    rows = charts.read_table((DOCS / "results.md").read_text())
-    assert len(rows) == 4
-    for cells in rows.values():
-        assert list(cells) == list(charts.VARIANTS)
-        for variant, cell in cells.items():
-            if variant.startswith("paper"):
-                assert np.isnan(cell.low)
-            else:
-                assert cell.low <= cell.value <= cell.high
 
 
 def test_forces_of_the_ground_carry_the_robot_and_push_it_to_its_left():
