@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import optuna
 from mecazen.config.people import Recorded, Wander
+from mecazen.errors import MecazenError
 from mecazen.geometry import wrap
 from mecazen_follower.estimators.imm import MODES, OBSERVED, SIZE, YAW, ImmBank, Mode, V, W
 from mecazen_people.paths import make_path
@@ -68,7 +69,10 @@ def changed(trial: optuna.trial.BaseTrial) -> list[Mode]:
 if __name__ == "__main__":
     walks = [Path(sys.argv[1]) / f"{name}.csv" for name in SPLIT["choosing"] if len(sys.argv) > 1]
     paths = [Wander(number=number) for number in CHOOSING] + [Recorded(file=file) for file in walks]
-    runs = [frames for seed, path in enumerate(paths) for frames in seen(path, seed)]
+    try:
+        runs = [frames for seed, path in enumerate(paths) for frames in seen(path, seed)]
+    except MecazenError as error:
+        sys.exit(f"error: {error}")
     search = optuna.create_study(
         storage="sqlite:///choose.sqlite",
         study_name="modes",

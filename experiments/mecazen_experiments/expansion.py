@@ -34,7 +34,7 @@ class Job(NamedTuple):
     labels: Mapping[str, Label]
     """The case, the choices of the grid and the swept settings: columns of the frame."""
     choices: Mapping[str, Label]
-    """The labels that tell the rows of the study apart: without those that a case defines."""
+    """The labels that distinguish the rows of the study: all but those that a case defines."""
     seed: int
     file: Path | None
     """The recorded walk, or the file of the study's `files`, if there is one."""

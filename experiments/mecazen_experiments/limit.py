@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mecazen.config import SensorConfig
 from mecazen.config.people import Wander
+from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario
 from mecazen.portable import Floats
 from mecazen_people.paths import make_path
@@ -55,7 +56,8 @@ def walkers(job: Job) -> dict[str, float | str | None]:
     """
     scenario = job.load()
     path = scenario.target.path
-    assert isinstance(path, Wander), "the program needs target.path.kind = 'wander'"
+    if not isinstance(path, Wander):
+        raise ConfigError("target.path.kind must be 'wander' for the program walkers")
     assert job.scenario is not None
     observed = observe(scenario)
     ours = score(observed.table, scenario.follower.standoff, SETTLING_S)

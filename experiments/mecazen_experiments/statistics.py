@@ -56,9 +56,9 @@ def jackknife(
     """Return statistics of all units together, each with its t interval over the units.
 
     The values of the interval are Tukey's pseudo-values (Annals of Mathematical Statistics 29,
-    1958), which tell how much each unit moves a statistic; they are shifted so that their mean is
-    the statistic. With a single unit, an interval has no width. A statistic that is NaN without one
-    of the units has NaN as limits.
+    1958), which are the influence of each unit on a statistic; they are shifted so that their mean
+    is the statistic. With a single unit, an interval has no width. A statistic that is NaN without
+    one of the units has NaN as limits.
     """
     whole, n = np.asarray(statistics(units)), len(units)
     if n == 1:

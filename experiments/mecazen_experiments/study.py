@@ -141,7 +141,7 @@ class Study(Section):
 
     cases: Annotated[tuple[Case, ...], msgspec.Meta(min_length=1)]
     program: Name = "following"
-    """What a run does and measures: a name in `programs.PROGRAMS`."""
+    """The program of a run, a name in `programs.PROGRAMS`."""
     seeds: Runs = 30
     """Number of seeds."""
     first_seed: Seed = 1

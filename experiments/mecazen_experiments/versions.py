@@ -1,4 +1,4 @@
-"""What the result of a run depends on: the scenario, and the code and data that the run loads."""
+"""The inputs of a run: its scenario, and the code and data that it loads."""
 
 from __future__ import annotations
 

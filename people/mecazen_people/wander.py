@@ -21,7 +21,7 @@ STREAM = 2605
 RELAXATION_1_S: Floats = np.array((4.0, 4.0, 8.0))
 """Rates at which forward, left and turning velocity approach their targets."""
 DIFFUSION: Floats = np.array((0.08, 0.05, 0.25))
-"""Random walks of the three velocities after 1 s, since nobody walks evenly [m/s, m/s, rad/s]."""
+"""Random walks of the three velocities after 1 s [m/s, m/s, rad/s]: no person walks evenly."""
 SLOWEST_M_S, FASTEST_M_S = 0.4, 1.6
 """The range of the walkers' greatest speeds."""
 LEAST_RADIUS_M = 0.3
@@ -40,7 +40,7 @@ STEP_M, STEP_S = 0.3, 0.3
 
 
 class Character(NamedTuple):
-    """What a walker keeps for life."""
+    """The constants of a walker."""
 
     greatest: float
     """Greatest speed [m/s]."""
@@ -53,7 +53,7 @@ class Character(NamedTuple):
 
 
 class Kind(Enum):
-    """What a walker does for a while."""
+    """A behaviour that lasts for a segment."""
 
     WALKING_ON = 0
     BEND = 1

@@ -1,4 +1,4 @@
-"""The example of docs/experiments.md: a study of two tables and a figure, as it stands there."""
+"""The example of docs/experiments.md: a study of two tables and a figure."""
 
 from pathlib import Path
 

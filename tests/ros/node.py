@@ -34,7 +34,7 @@ def received(sample: zenoh.Sample) -> Received:
 
 
 def attachment(sequence: int = 1) -> bytes:
-    """What goes with a sample or a request."""
+    """Return the attachment of a sample or a request."""
     return struct.pack("<qqB", sequence, time.time_ns(), 16) + GID
 
 
@@ -113,7 +113,7 @@ class RawNode:
         return samples
 
     def wait(self, condition: Callable[[], Any]) -> Any:
-        """Wait until a condition holds; return what it is."""
+        """Wait until a condition is true; return its value."""
         with self.changed:
             assert self.changed.wait_for(condition, GUARD_S), "what was waited for did not come"
             return condition()
@@ -124,7 +124,7 @@ class RawNode:
         self.session.put(key, payload, **{"attachment": attachment(self._sequence), **more})
 
     def call(self, key: str, payload: bytes, **more: Any) -> list[Received]:
-        """Ask a service, as rmw_zenoh does; return all replies, of which none is an error."""
+        """Query a service, as rmw_zenoh does; return all replies. An error among them fails."""
         self._sequence += 1
         replies = self.session.get(
             key,

@@ -133,7 +133,7 @@ def test_errors_of_a_person_stay_with_their_id():
     )
     assert [len(frame) for frame in leaving] == [3] * 5 + [2] * 2
     assert [frame[-1] for frame in leaving] == [frame[-1] for frame in staying]
-    # another person changes nobody's errors
+    # another person does not change the errors of the first
     assert [frame[0] for frame in alone] == [frame[0] for frame in staying]
 
 

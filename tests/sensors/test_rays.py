@@ -1,4 +1,4 @@
-"""What rays hit: the scene, scans of a lidar, depth images, and a camera's view."""
+"""Rays: the scene, scans of a lidar, depth images, and a camera's view."""
 
 import math
 

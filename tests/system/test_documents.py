@@ -1,4 +1,4 @@
-"""What the documents show is what a user sees: their files are written, their commands run."""
+"""The examples of the documents: their files are written, their commands run."""
 
 import re
 import shlex

@@ -16,7 +16,7 @@ NOTEBOOK = ROOT / "examples" / "notebook.ipynb"
 
 
 def rrd_of(widget):
-    """What waits to be sent to the widget's page, in Rerun's format."""
+    """Return the data that the widget's page has not received yet, in Rerun's format."""
     return b"".join(b for _, buffers in widget._viewer._event_queue for b in buffers or ())
 
 
