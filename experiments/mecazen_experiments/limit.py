@@ -2,10 +2,11 @@
 
 The bound is the covariance of a Kalman filter that is linearised about the true motion: J. H.
 Taylor, The Cramer-Rao estimation error lower bound computation for deterministic nonlinear systems,
-IEEE Trans. Automatic Control 24, 1979; along sampled motions it is the recursion of P. Tichavsky et
-al., Posterior Cramer-Rao bounds for discrete-time nonlinear filtering, IEEE Trans. Signal
-Processing 46, 1998, for each motion, and its mean over walkers is over motions by Monte Carlo. It
-knows what no filter knows, when a segment begins and of which kind it is, so it is a lower bound.
+IEEE Trans. Automatic Control 24, 1979. For one motion this is the recursion of P. Tichavsky et al.,
+Posterior Cramer-Rao bounds for discrete-time nonlinear filtering, IEEE Trans. Signal Processing 46,
+1998; the mean over the walkers is the Monte Carlo mean over motions. The bound has knowledge that a
+filter lacks: the begin of each segment, its kind, and the walker's character. It takes the targets
+of a kind as normal, with their covariance.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ BALLS = tuple(INDEX[f"{side}_foot"] for side in SIDES)
 STRIKE_EARLY_S, OFF_LATE_S = 0.021, 0.030
 """Mean times by which `zeni` finds strikes too early and offs too late.
 
-The values are from `mecazen experiment run gait_events`, whose walks no other experiment scores.
+The values are from walks that no study scores; their study is at commit b049a409.
 """
 
 
