@@ -26,6 +26,7 @@ from mecazen_tools.drawing import (
     save,
 )
 from mecazen_tools.observe import observe
+from mecazen_tools.statistics import Interval, mean_interval
 from mecazen_tools.table import Floats, Table, deviations
 
 from mecazen_experiments.capture import capture
@@ -33,7 +34,6 @@ from mecazen_experiments.expansion import Job
 from mecazen_experiments.frame import select
 from mecazen_experiments.quality import MEASURED, CapturedWalk, walk_of
 from mecazen_experiments.runs import Workers, do_all
-from mecazen_experiments.statistics import Interval, mean_interval
 from mecazen_experiments.study import Study, StudyFigure, check_known
 
 T = TypeVar("T")

@@ -1,53 +1,16 @@
-"""Confidence intervals of means, of shares of successes, and of differences paired by seed."""
+"""Confidence intervals of shares of successes, of ratios and of statistics over sessions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from statistics import fmean, stdev
 from typing import TypeVar
 
-import msgspec
 import numpy as np
-from scipy.stats import binomtest, chi2, t
+from mecazen_tools.statistics import Interval, Key, mean_interval
+from scipy.stats import binomtest, chi2
 
 T = TypeVar("T")
-Key = TypeVar("Key", int, str)
-"""The key of a pair of runs: a seed, or the name of an episode."""
-LEAST_UNITS = 10
-"""Minimum number of independent values for a verdict on a limit."""
-
-
-class Interval(msgspec.Struct, frozen=True):
-    """A mean and its 95 % confidence interval."""
-
-    mean: float
-    low: float
-    high: float
-    n: int
-    """The number of independent values."""
-
-    @property
-    def values(self) -> tuple[float, float]:
-        """The two values of a `mean_interval` with n = 2."""
-        half = (self.high - self.mean) / _quantile(2)
-        return self.mean - half, self.mean + half
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The limits, or with n = 2 the two values."""
-        return self.values if self.n == 2 else (self.low, self.high)
-
-
-def mean_interval(values: Sequence[float]) -> Interval:
-    """Return the mean of `values` with its t interval (Student 1908); one value has no width."""
-    if not values:
-        raise ValueError("there are no values to take the mean of")
-    mean, n = fmean(values), len(values)
-    if min(values) == max(values):
-        return Interval(mean, mean, mean, n)
-    half = _quantile(n) * stdev(values) / math.sqrt(n)
-    return Interval(mean, mean - half, mean + half, n)
 
 
 def jackknife(
@@ -71,11 +34,6 @@ def jackknife(
     ]
 
 
-def _quantile(n: int) -> float:
-    """Return the 97.5 % quantile of Student's distribution for n values."""
-    return float(t.ppf(0.975, n - 1))
-
-
 def share_interval(successes: Sequence[bool]) -> Interval:
     """Return the share of successes [%] with its exact interval (Clopper and Pearson 1934)."""
     test = binomtest(sum(map(bool, successes)), len(successes))
@@ -97,11 +55,3 @@ def paired_ratio(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval | N
     """Return the mean of b / a over the keys that both have; None without such keys."""
     keys = sorted(a.keys() & b.keys())
     return mean_interval([b[key] / a[key] for key in keys]) if keys else None
-
-
-def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval:
-    """Return the mean of b - a, over the seeds or episodes that both have.
-
-    Common effects of a seed, such as its noise, cancel in the difference.
-    """
-    return mean_interval([b[key] - a[key] for key in sorted(a.keys() & b.keys())])

@@ -10,19 +10,12 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 from mecazen.errors import ConfigError
+from mecazen_tools.statistics import LEAST_UNITS, Interval, mean_interval, paired_difference
 from rich.table import Table as RichTable
 from rich.text import Text
 
 from mecazen_experiments.frame import select
-from mecazen_experiments.statistics import (
-    LEAST_UNITS,
-    Interval,
-    mean_interval,
-    most_per_hour,
-    paired_difference,
-    paired_ratio,
-    share_interval,
-)
+from mecazen_experiments.statistics import most_per_hour, paired_ratio, share_interval
 from mecazen_experiments.study import Column, Label, Study, StudyTable, check_known
 
 PAIRED = {"difference": paired_difference, "ratio": paired_ratio}

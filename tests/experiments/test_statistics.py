@@ -4,15 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from mecazen_experiments.statistics import (
-    Interval,
-    jackknife,
-    mean_interval,
-    most_per_hour,
-    paired_difference,
-    paired_ratio,
-    share_interval,
-)
+from mecazen_experiments.statistics import jackknife, most_per_hour, paired_ratio, share_interval
+from mecazen_tools.statistics import Interval, mean_interval, paired_difference
 
 
 def normal(seed, n=30, mean=2.0, deviation=1.0):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from mecazen.robot import Robot
+from mecazen_tools.statistics import Interval, mean_interval
 from scipy.optimize import minimize_scalar
 
 from mecazen_experiments.identify.data import MotorLog, Run
@@ -29,7 +30,7 @@ from mecazen_experiments.identify.windows import (
     moments,
     total,
 )
-from mecazen_experiments.statistics import Interval, jackknife, mean_interval
+from mecazen_experiments.statistics import jackknife
 
 MAX_OFFSET_S = 0.2
 """Maximum offset of the two clocks in the search."""

@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from mecazen.robot import WHEELS, RealMotors
+from mecazen_tools.statistics import Interval
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from mecazen_experiments.identify.data import Array, MotorLog
 from mecazen_experiments.identify.models import ambiguities, covariance
 from mecazen_experiments.identify.windows import SIDES, TURNS
-from mecazen_experiments.statistics import Interval
 
 MAX_DELAY_S = 0.2
 LAGS_S = (0.01, 0.05, 0.2)

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import msgspec
 import tomli_w
 from mecazen.robot import Robot
+from mecazen_tools.statistics import Interval
 
 from mecazen_experiments.identify.identification import Identification
 from mecazen_experiments.identify.models import rollers_gain
 from mecazen_experiments.identify.validate import HORIZON_S, Validation
-from mecazen_experiments.statistics import Interval
 
 
 def robot_file(robot: Robot, result: Identification) -> str:

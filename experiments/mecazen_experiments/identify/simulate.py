@@ -15,10 +15,10 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
+from mecazen_tools.statistics import Interval
 
 from mecazen_experiments.identify.data import Array, Run
 from mecazen_experiments.identify.windows import TURNS, shifted
-from mecazen_experiments.statistics import Interval
 
 ROLLER_SHARE = 0.3
 """Maximum rotation of a wheel in a step at its highest speed, as a share of the roller pitch."""

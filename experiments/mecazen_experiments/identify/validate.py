@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from mecazen.errors import ConfigError
 from mecazen.robot import Robot
+from mecazen_tools.statistics import Interval
 
 from mecazen_experiments.identify.data import Array, Run
 from mecazen_experiments.identify.identification import (
@@ -23,7 +24,7 @@ from mecazen_experiments.identify.identification import (
 from mecazen_experiments.identify.models import fit, ideal, lateral, rollers
 from mecazen_experiments.identify.simulate import all_simulated, identified_robot, mounted
 from mecazen_experiments.identify.windows import drifts, ideal_matrix, in_reference, odometry
-from mecazen_experiments.statistics import Interval, jackknife
+from mecazen_experiments.statistics import jackknife
 
 HORIZON_S = 10.0
 """Time after which drift is measured."""
