@@ -10,7 +10,13 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 from mecazen.errors import ConfigError
-from mecazen_tools.statistics import LEAST_UNITS, Interval, mean_interval, paired_difference
+from mecazen_tools.statistics import (
+    LEAST_UNITS,
+    Interval,
+    mean_interval,
+    paired_difference,
+    show,
+)
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -228,16 +234,6 @@ def _paired(
     assert interval is not None
     limit = _limit(interval, f"{name}_ratio", group) if column.how == "ratio" else ""
     return show(interval, column.digits) + limit
-
-
-def show(interval: Interval, digits: int) -> str:
-    """Return a mean with its interval; of two units both values, of one its value."""
-    if interval.n == 1:
-        return f"{interval.mean:.{digits}f}"
-    if interval.n == 2:
-        return ", ".join(f"{value:.{digits}f}" for value in interval.values)
-    low, high = (f"{value:.{digits}f}" for value in (interval.low, interval.high))
-    return f"{interval.mean:.{digits}f} ({low}–{high})"
 
 
 def _limit(interval: Interval, name: str, group: pd.DataFrame) -> str:

@@ -102,7 +102,7 @@ def test_ctrl_c_keeps_a_run_and_no_file_is_overwritten(here, monkeypatch, tmp_pa
     def interrupt(done):
         raise KeyboardInterrupt  # at the first progress, after 100 ticks
 
-    monkeypatch.setattr(simulate, "_progress", lambda *_: nullcontext(interrupt))
+    monkeypatch.setattr(simulate, "progress", lambda *_: nullcontext(interrupt))
     csv, png = tmp_path / "run.csv", tmp_path / "run.png"
     run = ("simulate", "back", "--trajectory", csv, "--plot", png)
     done = here(*run)

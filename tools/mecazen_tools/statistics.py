@@ -59,3 +59,14 @@ def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interva
     Common effects of a seed, such as its noise, cancel in the difference.
     """
     return mean_interval([b[key] - a[key] for key in sorted(a.keys() & b.keys())])
+
+
+def show(interval: Interval, digits: int, sign: str = "") -> str:
+    """Return a mean with its interval; of two units both values, of one its value.
+
+    With `sign` "+" also positive numbers have their sign, as those of differences.
+    """
+    mean, low, high = (f"{value:{sign}.{digits}f}" for value in (interval.mean, *interval.ends))
+    if interval.n == 1:
+        return mean
+    return f"{low}, {high}" if interval.n == 2 else f"{mean} ({low}{' to ' if sign else '–'}{high})"

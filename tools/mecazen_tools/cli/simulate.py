@@ -126,9 +126,9 @@ def _run(
     The scores come before the files, so that a full disk does not cost them.
     """
     is_whole = True
-    with _progress(description, scenario.sim.ticks) as progress:
+    with progress(description, scenario.sim.ticks) as done:
         try:
-            result, run = work(progress)
+            result, run = work(done)
         except InterruptedRun as interrupt:
             result, run = interrupt.args
             is_whole = False
@@ -167,12 +167,12 @@ def _refuse_unwritable(trajectory: Path | None, plot: Path | None) -> None:
 
 
 @contextmanager
-def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar; yield a function that sets the number of finished ticks."""
+def progress(description: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar; yield a function that sets the number of finished ticks or runs."""
     terminal = Console(stderr=True)
     # outside a terminal it would end with an empty line
     with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as bar:
-        task = bar.add_task(description, total=ticks)
+        task = bar.add_task(description, total=total)
         yield lambda done: bar.update(task, completed=done)
 
 
