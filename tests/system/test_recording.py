@@ -103,7 +103,7 @@ def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_p
     same = mecazen("replay", path, "--through", "follower")
     assert (same.returncode, same.stderr) == (0, "")
     assert "identical: 200 of cmd_vel, 200 of follower/state" in same.stdout
-    changed = mecazen("replay", path, "--through", "examples/my_follower.py:MyFollower")
+    changed = mecazen("replay", path, "--through", "examples/new/my_follower.py:MyFollower")
     assert_one_line(changed, 1, "cmd_vel", "recorded")
     assert_one_line(mecazen("replay", path, "--through", "physics"), 2)
 
