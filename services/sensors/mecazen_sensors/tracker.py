@@ -154,6 +154,8 @@ class BodyTracker:
     ) -> m.Skeletons:
         """Return the frame from a true pose of the robot; `header.stamp` is `time`.
 
+        Its `reason` is that of the first of the people, whom the robot follows.
+
         Args:
             scene: The world, in which all people are placed.
             robot: True pose of the robot.
@@ -174,11 +176,13 @@ class BodyTracker:
         ranges, hits = scene.cast(camera, rays / distances[:, None], CARRIER)
         vectors = rotate(rays, -robot.yaw)
         depths, inside = self._camera.look(vectors)
-        if any(begin <= time.ns / NS_PER_S <= end for begin, end in self._config.occlusions_s):
+        occlusions = self._config.occlusions_s
+        is_blind = any(begin <= time.ns / NS_PER_S <= end for begin, end in occlusions)
+        if is_blind:
             inside[:] = False
         reached, numbers, seen = (ranges >= distances).tolist(), hits.tolist(), inside.tolist()
         header = m.Header(stamp=time, frame_id="base_link")
-        skeletons = []
+        skeletons, reason = [], ""
         for number, name in enumerate(people):
             rows = slice(number * COUNT, (number + 1) * COUNT)
             first = scene.limbs(number).start
@@ -187,7 +191,10 @@ class BodyTracker:
             skeleton = self._report(self._bodies[name], header, *view)
             if skeleton is not None:
                 skeletons.append(skeleton)
-        return m.Skeletons(header=header, skeletons=tuple(skeletons))
+            elif number == 0:
+                outside = m.Unseen.BLIND if is_blind else self._camera.reason(vectors[0])
+                reason = scene.hidden_by(numbers[0]) if seen[0] else outside
+        return m.Skeletons(header=header, skeletons=tuple(skeletons), reason=reason)
 
     def _report(
         self,

@@ -109,7 +109,8 @@ class StatusText:
         """Return a log line if the tracking state of a robot has changed."""
         name = join_key("tracking", robot)
         if state.tracking and self._has_changed(name, state.tracking):
-            yield _log_line("follower", f"{name}: {state.tracking}", _level(state.tracking))
+            line = f"{name}: {state.tracking} {state.reason}".rstrip()
+            yield _log_line("follower", line, _level(state.tracking))
 
     def guard(self, state: GuardState, robot: str) -> Iterator[Entity]:
         """Return a log line if the state of a robot's guard has changed."""
