@@ -24,6 +24,8 @@ from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.wire import Stamp
 
+from mecazen_tools.losses import TrackingRow, lost_shares
+
 Row = tuple[float | str | None, ...]
 
 POSE = ("x_m", "y_m", "yaw_rad")
@@ -41,10 +43,10 @@ def _motion(odometry: Odometry) -> Row:
 
 def _estimate(state: FollowerState) -> Row:
     if not state.estimate:
-        return *(None,) * len(_ESTIMATE), state.tracking
+        return *(None,) * len(_ESTIMATE), state.tracking, state.reason
     person = state.estimate[0]
     (xx, xy, xw), (_, yy, yw), (_, _, ww) = planar_covariance(person.pose.covariance)
-    return *_motion(person), xx, xy, xw, yy, yw, ww, state.tracking
+    return *_motion(person), xx, xy, xw, yy, yw, ww, state.tracking, state.reason
 
 
 SOURCES: dict[Topic[Any], tuple[str, Callable[[Any], Row], list[str]]] = {
@@ -58,7 +60,8 @@ SOURCES: dict[Topic[Any], tuple[str, Callable[[Any], Row], list[str]]] = {
     ),
     keys.CMD_VEL: ("follower", Twist.to_planar, [f"cmd_{name}" for name in TWIST]),
 }
-"""Service, values and columns of each topic."""
+"""Service, values and columns of each topic. The follower's last value, its reason, has no column:
+the hash of a run covers the columns."""
 Columns = dict[tuple[str, Topic[Any]], dict[int, Row]]
 """The values of a topic of a robot by tick."""
 COLUMNS = ("t_s", *chain.from_iterable(columns for _, _, columns in SOURCES.values()))
@@ -68,16 +71,18 @@ Twists are in the frame of the moving body. The covariance is of the estimated p
 """
 
 
-class Scores(msgspec.Struct, frozen=True):
+class Scores(msgspec.Struct, frozen=True, omit_defaults=True):
     """The published measures of following; None without a person who moves.
 
-    The measures are means over all ticks from the first motion of the person on.
+    The errors are means over all ticks from the first motion of the person on.
     """
 
     d_err_m: float | None
     """Mean of |D - D0|, D the distance from robot to person."""
     theta_err_deg: float | None
     """Mean of |Θ - Θ0|, Θ the wrapped difference of the headings."""
+    lost: dict[str, float] = {}
+    """Share of time in which the person was lost, by reason."""
 
 
 class Contacts(msgspec.Struct, frozen=True):
@@ -167,9 +172,21 @@ class Trajectory:
         return [
             (
                 tick * self.scenario.sim.tick_ns / 1e9,
-                *chain.from_iterable([column.get(tick, empty) for column, empty in columns]),
+                *chain.from_iterable(
+                    [column.get(tick, empty)[: len(empty)] for column, empty in columns]
+                ),
             )
             for tick in self.ticks
+        ]
+
+    def tracking(self, robot: str = "") -> list[TrackingRow]:
+        """Return time [s], tracking state and reason of the finished rows that have them."""
+        column = self._columns.get((robot or self.scenario.names[0], keys.FOLLOWER_STATE), {})
+        tick_s = self.scenario.sim.tick_ns / 1e9
+        return [
+            (tick * tick_s, *cast(tuple[str, str], column[tick][-2:]))
+            for tick in self.ticks
+            if tick in column
         ]
 
     def csv(self) -> bytes:
@@ -211,12 +228,14 @@ class Trajectory:
         robots = self._poses(robot, keys.GROUND_TRUTH)
         pairs = [(robots[tick], person) for tick, person in persons.items() if tick in robots]
         pairs = list(dropwhile(lambda pair: pair[1] == pairs[0][1], pairs))
+        lost = lost_shares(self.tracking(robot))
         if not pairs:
-            return Scores(d_err_m=None, theta_err_deg=None)
+            return Scores(d_err_m=None, theta_err_deg=None, lost=lost)
         errors = [standoff.errors(person, robot) for robot, person in pairs]
         return Scores(
             fmean(abs(error.distance) for error in errors),
             math.degrees(fmean(abs(error.yaw) for error in errors)),
+            lost,
         )
 
     def contacts(self, robot: str = "") -> Contacts:

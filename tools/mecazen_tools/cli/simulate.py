@@ -22,6 +22,7 @@ from typer import Option
 from mecazen_tools import INTERRUPTED, drawing, files
 from mecazen_tools import simulate as runs
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
+from mecazen_tools.losses import sentence
 from mecazen_tools.simulate import InterruptedRun, Result
 from mecazen_tools.trajectory import Scores, Trajectory
 
@@ -182,6 +183,10 @@ def _print_scores(result: Result) -> None:
     for name, scores in result.robots.items():
         table.add_row(name, "", *measures(scores))
     console(80).print(table)
+    lost = {name: scores.lost for name, scores in result.robots.items()} or {"": result.lost}
+    for name, shares in lost.items():
+        if line := sentence(shares):
+            typer.echo(f"{name}: {line}" if name else line)
     typer.echo(
         f"contacts: {result.contacts_persons} with followed persons, "
         f"{result.contacts_obstacles} with obstacles"
