@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import groupby
-from typing import NamedTuple
 
 TrackingRow = tuple[float, str, str]
 """Time [s], tracking state and reason of a `follower/state`."""
@@ -15,22 +14,13 @@ NAMED = 3
 """Maximum number of reasons in a sentence."""
 
 
-class Span(NamedTuple):
-    """A time in which the person is not seen."""
-
-    begin_s: float
-    end_s: float
-    is_lost: bool
-    """Whether the person is lost, or the robot still follows the prediction."""
-
-
-def spans(rows: Sequence[TrackingRow]) -> list[Span]:
-    """Return the times in which the person is coasting or lost."""
-    groups = [(state, list(group)) for state, group in groupby(rows, _shade)]
-    ends_s = [group[0][0] for _, group in groups[1:]] + [row[0] for row in rows[-1:]]
+def spans(rows: Sequence[TrackingRow]) -> list[tuple[float, float, str]]:
+    """Return begin and end [s] of the times in which the person is "coasting" or "lost"."""
+    groups = [(state, [row[0] for row in group]) for state, group in groupby(rows, _shade)]
+    ends_s = [times_s[0] for _, times_s in groups[1:]] + [row[0] for row in rows[-1:]]
     return [
-        Span(group[0][0], end_s, state == "lost")
-        for (state, group), end_s in zip(groups, ends_s, strict=True)
+        (times_s[0], end_s, state)
+        for (state, times_s), end_s in zip(groups, ends_s, strict=True)
         if state
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import cycle
+from itertools import cycle, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from mecazen.robots import join_key
 
 from mecazen_tools.comparison import MEASURES, Runs
 from mecazen_tools.drawing import COLUMN_IN, DASHES, ORANGE, PALETTE, STYLE, draw_arrows
+from mecazen_tools.losses import TrackingRow, lost_shares, sentence, spans
 from mecazen_tools.statistics import mean_interval
 from mecazen_tools.table import Table, deviations
 from mecazen_tools.trajectory import TWIST, Trajectory
@@ -31,6 +32,10 @@ WANTED["label"] = "wanted"
 DOTS: dict[str, Any] = {"markersize": 2.5, "alpha": 0.5, "markeredgewidth": 0.0}
 MEAN: dict[str, Any] = {"fmt": "_", "ms": 5.0, "capsize": 1.5, "lw": 0.7}
 OBSTACLE: dict[str, Any] = {"facecolor": "#cccccc", "edgecolor": "#888888", "linewidth": 0.3}
+SHADES: dict[str, dict[str, Any]] = {
+    "coasting": {"facecolor": "#f5e6c0", "zorder": 0.0},
+    "lost": {"facecolor": "#f0c0b0", "zorder": 0.0},
+}
 ERRORS = {"distance\nerror [m]": 0.05, "heading\nerror [°]": 2.0}
 VELOCITIES = {"vx [m/s]": 0.1, "vy [m/s]": 0.1, "wz [rad/s]": 0.1}
 """The panels over time with the minimum range of their axes: rounding must not look like motion."""
@@ -45,6 +50,7 @@ class Course(NamedTuple):
     standoff: Standoff
     person: str = "person"
     """Name of the person."""
+    tracking: Sequence[TrackingRow] = ()
 
 
 def courses(trajectory: Trajectory, run: str = "") -> list[Course]:
@@ -55,6 +61,7 @@ def courses(trajectory: Trajectory, run: str = "") -> list[Course]:
             Table.of(trajectory, robot),
             trajectory.scenario.of(robot).follower.standoff,
             join_key("person", robot),
+            trajectory.tracking(robot),
         )
         for robot in trajectory.scenario.names
     ]
@@ -63,6 +70,7 @@ def courses(trajectory: Trajectory, run: str = "") -> list[Course]:
 def draw(runs: Sequence[Course], scenario: Scenario, title: str) -> Figure:
     """Return the figure of courses, with goals as dashed and motion as solid lines.
 
+    Times in which the person is not seen are shaded; a line below says why they were lost.
     Goals and errors are drawn if there is a person. As in the scores, they use the settings of the
     scenario, without later changes of parameters.
     """
@@ -80,6 +88,8 @@ def draw(runs: Sequence[Course], scenario: Scenario, title: str) -> Figure:
                 for axes, error in zip(panels, (distance, np.degrees(heading)), strict=False):
                     axes.plot(table["t_s"], error, color=colour, lw=0.7)
                     axes.axhline(0.0, **WANTED)
+            for (begin_s, end_s, state), axes in product(spans(course.tracking), panels):
+                axes.axvspan(begin_s, end_s, label=state, **SHADES[state])
             commands = table.having("cmd_vx_m_s")
             for name, axes in zip(TWIST, panels[-3:], strict=True):
                 axes.plot(table["t_s"], table[f"robot_{name}"], color=colour, lw=1.0)
@@ -90,6 +100,11 @@ def draw(runs: Sequence[Course], scenario: Scenario, title: str) -> Figure:
             low, high = axes.get_ylim()
             axes.set(ylabel=name, ylim=(min(low, -least), max(high, least)))
         panels[-1].set_xlabel("t [s]")
+        lost = {course.name: sentence(lost_shares(course.tracking)) for course in runs}
+        figure.supxlabel(
+            "\n".join(f"{name} {text}".lstrip() for name, text in lost.items() if text),
+            fontsize="medium",
+        )
         figure.align_ylabels(panels)
         draw_legend(figure, above, panels[-1])
     return figure
@@ -149,8 +164,10 @@ def draw_above(axes: Axes, runs: Sequence[Course], scenario: Scenario, title: st
 
 def draw_legend(figure: Figure, *panels: Axes) -> None:
     """Draw the legend of some panels above all of them, where it covers nothing."""
-    lines = {str(line.get_label()): line for axes in panels for line in axes.lines}
-    shown = {name: lines[name] for name in sorted(lines, key="wanted".__eq__) if name[0] != "_"}
+    artists = (artist for axes in panels for artist in (*axes.lines, *axes.patches))
+    lines = {str(artist.get_label()): artist for artist in artists}
+    named = [name for name in lines if name and not name.startswith("_")]
+    shown = {name: lines[name] for name in sorted(named, key="wanted".__eq__)}
     columns = min(len(shown), LEGEND_COLUMNS)
     figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=columns)
 
