@@ -333,15 +333,6 @@ def test_settings_left_out_keep_their_defaults():
 
 
 @pytest.mark.parametrize(
-    ("view", "standoff_m", "warns"),
-    [("side_left", 1.0, True), ("side_left", 1.2, False), ("back", 1.0, False)],
-)
-def test_a_camera_too_near_beside_a_person_is_warned_about(caplog, view, standoff_m, warns):
-    Follower(kind="fused", view=view, standoff_m=standoff_m)
-    assert ("both shoulders" in caplog.text) == warns
-
-
-@pytest.mark.parametrize(
     ("program", "line"),
     [
         ("Blind(Node)", "follower: no effect on my.py:Blind, which takes its place; if it reads"),

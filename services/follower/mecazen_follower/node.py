@@ -33,9 +33,6 @@ HISTORY_S = 5.0
 
 CLEARANCE_M = 0.1
 """Minimum gap between person and robot, for the error of following [m]."""
-LEAST_BESIDE_M = 1.2
-"""Minimum standoff at which a camera beside a person sees both shoulders [m]."""
-
 SHORTLY_UNSEEN = (TrackingState.WAITING, TrackingState.FOLLOWING, TrackingState.COASTING)
 """The states before the person is lost."""
 
@@ -66,22 +63,10 @@ class FollowerNode(Node):
                 f"the radii of the person, {person:g}, and of the robot, {robot:.2f}, and "
                 f"{CLEARANCE_M:g} between them"
             )
-        self._warn_of_hidden_shoulders()
         if self.config.planner is not None:
             key, rate_hz = "follower.planner.rate_hz", self.config.planner.rate_hz
             ticks_per_sample(key, rate_hz, scenario.sim.tick_s)
         self.lidar = scenario.robot.lidar.pose
-
-    def _warn_of_hidden_shoulders(self) -> None:
-        """Log a warning if a camera beside the person is too near to see both shoulders."""
-        is_beside = abs(math.sin(self.config.standoff.bearing)) > BESIDE
-        sees_bodies = self.scenario.sensor.kind in ("body", "fused")
-        if is_beside and sees_bodies and self.config.standoff_m < LEAST_BESIDE_M:
-            logger.warning(
-                "msg=%r",
-                f"follower.standoff_m = {self.config.standoff_m:g}: beside a person the camera "
-                f"sees both shoulders, and so the heading, from {LEAST_BESIDE_M:g} m on",
-            )
 
     def reset(self, seed: int) -> None:
         """Discard the person and the robot's past poses."""

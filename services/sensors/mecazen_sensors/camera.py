@@ -10,7 +10,6 @@ from mecazen import messages as m
 from mecazen.arrays import rotate
 from mecazen.config.sensors import DepthConfig, TrackerConfig
 from mecazen.geometry import Pose2D
-from mecazen.messages import Unseen
 from mecazen.portable import Floats, product
 from mecazen.robot import CameraMount
 from numpy.random import PCG64, Generator
@@ -55,16 +54,6 @@ class CameraView:
         products = product(vectors, self._planes)
         inside: npt.NDArray[np.bool_] = np.logical_and.reduce(products >= self._least, axis=1)
         return products[:, 0], inside
-
-    def reason(self, vector: Floats) -> Unseen:
-        """Return why a point out of view is not seen; `vector` (3,) as in `look`."""
-        products = product(self._planes.T, vector)
-        near, far, right, left, below, _ = (products >= self._least).tolist()
-        if not (left and right):
-            return Unseen.LEFT if product(self.axes, vector)[1] > 0.0 else Unseen.RIGHT
-        if not (near and far):
-            return Unseen.TOO_FAR if near else Unseen.TOO_NEAR
-        return Unseen.SHOULDERS if below else Unseen.BELOW
 
 
 class DepthCamera:

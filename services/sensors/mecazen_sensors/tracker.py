@@ -22,6 +22,7 @@ from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, product
 from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
+from mecazen.view import out_of_view
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 
@@ -130,7 +131,7 @@ class BodyTracker:
         self, config: TrackerConfig, mount: CameraMount, seed: int, frame_s: float
     ) -> None:
         self._config, self._seed = config, seed
-        self._camera = CameraView(mount, config)
+        self._mount, self._camera = mount, CameraView(mount, config)
         self._place = np.array(mount.position_m)
         self._keep = math.exp(-frame_s / config.drift_time_s)
         self._fresh = math.sqrt(1.0 - self._keep**2)
@@ -192,8 +193,8 @@ class BodyTracker:
             if skeleton is not None:
                 skeletons.append(skeleton)
             elif number == 0:
-                outside = m.Unseen.BLIND if is_blind else self._camera.reason(vectors[0])
-                reason = scene.hidden_by(numbers[0]) if seen[0] else outside
+                hidden = m.Unseen.BLIND if is_blind else scene.hidden_by(numbers[0])
+                reason = out_of_view(self._mount, self._config, vectors[0].tolist()) or hidden
         return m.Skeletons(header=header, skeletons=tuple(skeletons), reason=reason)
 
     def _report(

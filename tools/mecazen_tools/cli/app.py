@@ -20,7 +20,7 @@ from mecazen.text import printable
 from typer import Argument, Option
 
 from mecazen_tools.cli import compare, graph, new, sim, simulate, status, talk, teleop, up
-from mecazen_tools.cli.options import ScenarioArgument, Settings, load
+from mecazen_tools.cli.options import ScenarioArgument, Settings, load, warn
 
 COMMANDS = (
     *(up.up, simulate.simulate, simulate.collect, compare.compare, graph.graph, graph.topics),
@@ -142,7 +142,10 @@ def run(
     Examples: mecazen run router back · mecazen run physics back ·
     mecazen run controller+follower back
     """
-    process.run(Process(tuple(service.split("+")), robot), load(scenario, settings))
+    loaded, services = load(scenario, settings), tuple(service.split("+"))
+    if "follower" in services:
+        warn(loaded)
+    process.run(Process(services, robot), loaded)
 
 
 @app.command()

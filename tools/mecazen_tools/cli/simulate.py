@@ -21,7 +21,7 @@ from typer import Option
 
 from mecazen_tools import INTERRUPTED, drawing, files
 from mecazen_tools import simulate as runs
-from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
+from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load, warn
 from mecazen_tools.losses import sentence
 from mecazen_tools.simulate import InterruptedRun, Result
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -83,6 +83,7 @@ def simulate(
         overrides.append(f"{RECORDER}.file={to_value(record)}")
         loaded = load(scenario, overrides)
     _refuse_unwritable(trajectory, plot)
+    warn(loaded)
     if distributed:
         work = partial(runs.simulate_distributed, path, tuple(overrides), path.stem)
     else:

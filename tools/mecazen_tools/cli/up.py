@@ -34,7 +34,7 @@ from rich.markup import escape
 from rich.table import Table
 from typer import Option
 
-from mecazen_tools.cli.options import ScenarioArgument, Settings
+from mecazen_tools.cli.options import ScenarioArgument, Settings, warn
 from mecazen_tools.cli.status import LATE_S, WARNING, Diagnostics, Report, number
 from mecazen_tools.forking import STOPPING
 from mecazen_tools.processes import Supervisor
@@ -104,6 +104,7 @@ def up(
     begin = f"[bold]mecazen[/] starts scenario [bold]{escape(path.stem)}[/] ({escape(str(path))})"
     try:
         console.print(begin + ports, soft_wrap=True)
+        warn(loaded)
         if not shares_router:
             supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client", renamed=loaded.renamed)) as bus:
