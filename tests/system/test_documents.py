@@ -202,6 +202,7 @@ def test_the_follower_of_the_page_gives_the_scores_that_are_shown(section, quick
 
 LINES = re.findall(r"^\| `((?:error|warning): .*?)` \|", TROUBLESHOOTING, re.MULTILINE)
 NOBODY = ("--connect", f"tcp/127.0.0.1:{free_port()}")
+BRIEF = ("simulate", "back", "--duration", "0.1", "--set")
 MISTAKES = {
     "no such scenario": ("simulate", "nosuch"),
     "did you mean standoff_m": ("simulate", "back", "--set", "follower.standof_m=1"),
@@ -212,6 +213,8 @@ MISTAKES = {
     "did you mean odom": (*NOBODY, "echo", "odmo", "--count", "1"),
     "not a geometry_msgs": (*NOBODY, "pub", "cmd_vel", '{"linear":{"x":"a"}}'),
     "linear.q is ignored": (*NOBODY, "pub", "cmd_vel", '{"linear":{"x":0.1,"q":1}}'),
+    "shoulders": (*BRIEF, "sensor.kind=body", "--set", "robot.camera.pitch_deg=0"),
+    "faster than the robot": (*BRIEF, "target.path.speed_m_s=2.5"),
     "picture's name": ("simulate", "back", "--plot", "x.gif"),
     "can't be read": ("info", "none.mcap"),
 }
