@@ -23,6 +23,7 @@ Settings = tuple[str, ...]
 Label = bool | int | float | str
 How = Literal["mean", "share", "sum", "min", "max", "value", "difference", "ratio", "most_per_hour"]
 """The way in which a column of a table summarises the runs of a row."""
+PACKAGE = Path(__file__).parent
 STRING = re.compile(r""""[^"]*"|'[^']*'|^[^\[{"']+$""")
 """Each string in a value of TOML; a bare word is one."""
 
@@ -159,8 +160,8 @@ class Study(Section):
     sweep: dict[Name, tuple[Label, ...]] = msgspec.field(default_factory=dict)
     """Settings with several values each."""
     files: str = ""
-    """A pattern relative to the study's file: each matching file makes its own runs, and is the
-    `file` of their jobs."""
+    """A pattern relative to the study's file, or else to this package: each matching file makes its
+    own runs, and is the `file` of their jobs."""
     derive: dict[Name, str] = msgspec.field(default_factory=dict)
     """Further columns of the frame, as expressions of the others."""
     tables: tuple[StudyTable, ...] = msgspec.field(name="table", default=())
@@ -243,8 +244,16 @@ def load_study(path: Path) -> Study:
         )
         study = msgspec.structs.replace(study, cases=tuple(cases))
     if study.files:
-        study = msgspec.structs.replace(study, files=str(path.parent.resolve() / study.files))
+        patterns = [str(folder / study.files) for folder in (path.parent.resolve(), PACKAGE)]
+        pattern = next(filter(matching, patterns), patterns[0])
+        study = msgspec.structs.replace(study, files=pattern)
     return study
+
+
+def matching(pattern: str) -> list[Path]:
+    """Return the files that an absolute pattern matches, in the order of their names."""
+    root = Path(pattern).anchor
+    return sorted(Path(root).glob(pattern.removeprefix(root)))
 
 
 def study_path(name: str) -> Path:

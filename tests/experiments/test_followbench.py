@@ -418,6 +418,12 @@ def jobs(name, *settings, seeds=(1,), file="uTurn_back_1"):
     return expand(study, seeds, tuple(settings), files=files)
 
 
+def test_a_study_elsewhere_has_the_episodes_of_the_package(tmp_path):
+    copy = tmp_path / "mine.toml"
+    copy.write_bytes(study_path("followbench_rules").read_bytes())
+    assert {job.file for job in expand(load_study(copy))} == {*SAMPLE.rglob("*.yaml")}
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
