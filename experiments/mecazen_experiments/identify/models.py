@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from mecazen.robot import Robot
+from mecazen.rollers import lateral_gain
 from mecazen_tools.statistics import Interval
 from scipy.optimize import least_squares
 
@@ -75,12 +76,6 @@ class Model:
         return in_reference(j, self.mounting(values, group))
 
 
-def rollers_gain(count: int) -> float:
-    """Return the lateral gain of a wheel of `count` rollers."""
-    arc = math.pi / count
-    return math.sin(arc) / arc
-
-
 def ideal(robot: Robot) -> Model:
     """Return the ideal kinematics."""
     return Model("ideal, calibrated", robot, 1.0)
@@ -88,7 +83,7 @@ def ideal(robot: Robot) -> Model:
 
 def rollers(robot: Robot, count: int) -> Model:
     """Return the model with the lateral gain of a wheel of `count` rollers."""
-    return Model(f"geometry, {count} rollers", robot, rollers_gain(count))
+    return Model(f"geometry, {count} rollers", robot, lateral_gain(count))
 
 
 def lateral(robot: Robot) -> Model:

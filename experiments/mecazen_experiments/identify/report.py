@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import msgspec
 import tomli_w
 from mecazen.robot import Robot
+from mecazen.rollers import lateral_gain
 from mecazen_tools.statistics import Interval
 
 from mecazen_experiments.identify.identification import Identification
-from mecazen_experiments.identify.models import rollers_gain
 from mecazen_experiments.identify.validate import HORIZON_S, Validation
 
 
@@ -41,7 +41,7 @@ def identification_lines(result: Identification) -> Iterator[str]:
     yield "| N | sin(π/N)/(π/N) | log-likelihood behind the best (95 % interval over sessions) |"
     yield "| --- | --- | --- |"
     for count, behind in result.rollers.items():
-        yield f"| {count} | {rollers_gain(count):.4f} | {interval(behind, '.0f')} |"
+        yield f"| {count} | {lateral_gain(count):.4f} | {interval(behind, '.0f')} |"
     yield (
         f"\nLateral over forward gain: {interval(result.lateral_gain, '.4f')}, with the 95 % "
         "interval over sessions. That of a single session is over blocks of windows.\n"
