@@ -6,7 +6,7 @@ import csv
 import re
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, cast
 
 import msgspec
 import yaml
@@ -25,7 +25,7 @@ ROBOT_M = (0.70, 0.55)
 """Length and width of the only robot of the benchmark."""
 GOAL_THRESHOLD_M = 0.1
 """Default distance at which a way-point is reached [m]."""
-FILE_NAME = re.compile(r"(?P<scenario>.+)_(?P<place>back|left_side)_\d+")
+FILE_NAME = re.compile(r"(.+)_(back|left_side)_\d+")
 CLASS = re.compile(r"(?:Normal)?([A-Z][a-z]+)Orca.*")
 
 Place = Literal["back", "left_side"]
@@ -60,8 +60,6 @@ class Episode(msgspec.Struct, frozen=True):
     """A world with people, and a robot that shall follow one person."""
 
     name: str
-    scenario: str
-    """The name without place and number."""
     cls: str
     """Circular, Crowd, Parallel, Perpendicular, Corridor, Intersection, Doorway, Clutter, or the
     name of a track."""
@@ -163,7 +161,7 @@ def read(path: Path) -> Episode:
     names = FILE_NAME.fullmatch(path.stem)
     if names is None:
         raise _invalid(path, "the file's name must be SCENARIO_back_NUMBER.yaml or _left_side_")
-    scenario, place = names["scenario"], names["place"]
+    scenario, place = names.groups()
     if scenario not in episode_lengths():
         raise _invalid(path, f"no length is known for an episode of {scenario!r}")
     try:
@@ -182,9 +180,8 @@ def read(path: Path) -> Episode:
     max_steps, max_search_steps = episode_lengths()[scenario]
     return Episode(
         name=path.stem,
-        scenario=scenario,
         cls=track[1] if track else scenario,
-        place="back" if place == "back" else "left_side",
+        place=cast(Place, place),
         robot=Pose2D(*file.robot[0].state),
         target=file.target[0].walk,
         humans=tuple(person.walk for person in file.human),

@@ -112,16 +112,7 @@ def scan(pose: Pose2D, discs: Floats, boxes: Floats) -> Floats:
         discs: Centres (n, 2) of people [m].
         boxes: Centre x, y [m], yaw [rad], length and width [m] of each box (n, 5).
     """
-    ranges = np.full(BEAMS, RANGE)
-    centres = between(pose, discs)
-    near = np.hypot(*centres.T) < RANGE + PERSON_RADIUS
-    if np.any(near):
-        ranges = np.minimum(ranges, _to_discs(centres[near]))
-    reach = RANGE + np.hypot(boxes[:, 3], boxes[:, 4]) / 2.0
-    near = np.hypot(boxes[:, 0] - pose.x, boxes[:, 1] - pose.y) < reach
-    if np.any(near):
-        ranges = np.minimum(ranges, _to_boxes(pose, boxes[near]))
-    return ranges
+    return np.minimum(RANGE, np.minimum(_to_discs(between(pose, discs)), _to_boxes(pose, boxes)))
 
 
 def _to_discs(centres: Floats) -> Floats:
@@ -130,11 +121,10 @@ def _to_discs(centres: Floats) -> Floats:
     along = c * centres[:, 0] + s * centres[:, 1]
     across = c * centres[:, 1] - s * centres[:, 0]
     square = PERSON_RADIUS**2 - across * across
-    enter = along - np.sqrt(np.maximum(square, 0.0))
-    leave = along + np.sqrt(np.maximum(square, 0.0))
-    hits = (square >= 0.0) & (leave >= 0.0)
-    nearest: Floats = np.where(hits, np.maximum(enter, 0.0), np.inf).min(axis=1)
-    return nearest
+    half = np.sqrt(np.maximum(square, 0.0))
+    hits = (square >= 0.0) & (along + half >= 0.0)
+    distances = np.where(hits, np.maximum(along - half, 0.0), np.inf)
+    return np.asarray(distances.min(axis=1, initial=np.inf))
 
 
 def _to_boxes(pose: Pose2D, boxes: Floats) -> Floats:
@@ -142,21 +132,21 @@ def _to_boxes(pose: Pose2D, boxes: Floats) -> Floats:
 
     The method is the slab method, T. Kay and J. Kajiya, SIGGRAPH 1986, in the frame of each box.
     """
-    yaw = boxes[:, 2]
-    dx, dy = pose.x - boxes[:, 0], pose.y - boxes[:, 1]
+    x, y, yaw, length, width = boxes.T
+    dx, dy = pose.x - x, pose.y - y
     c, s = np.cos(yaw), np.sin(yaw)
-    starts = (c * dx + s * dy, c * dy - s * dx)
     angles = ANGLES[:, None] + (pose.yaw - yaw)
-    slopes = (np.cos(angles), np.sin(angles))
-    halves = (boxes[:, 3] / 2.0, boxes[:, 4] / 2.0)
     enter, leave = np.zeros_like(angles), np.full_like(angles, np.inf)
-    for start, half, cosine in zip(starts, halves, slopes, strict=True):
+    for start, half, cosine in (
+        (c * dx + s * dy, length / 2.0, np.cos(angles)),
+        (c * dy - s * dx, width / 2.0, np.sin(angles)),
+    ):
         slope = np.where(np.abs(cosine) < 1e-12, 1e-12, cosine)  # parallel to the slab
         near, far = (-half - start) / slope, (half - start) / slope
         enter = np.maximum(enter, np.minimum(near, far))
         leave = np.minimum(leave, np.maximum(near, far))
-    nearest: Floats = np.where(enter <= leave, enter, np.inf).min(axis=1)
-    return nearest
+    distances = np.where(enter <= leave, enter, np.inf)
+    return np.asarray(distances.min(axis=1, initial=np.inf))
 
 
 class KnownArea:
@@ -182,11 +172,8 @@ class KnownArea:
         rows, columns = _outline(row, column)
         drawn[rows, columns] = True
         areas, _ = label(~drawn)
-        centre_row, centre_column = -low * PER_M, -left * PER_M
-        inside = [
-            areas[centre_row + dr, centre_column + dc]
-            for dr, dc in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
-        ]
+        around = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
+        inside = [areas[dr - low * PER_M, dc - left * PER_M] for dr, dc in around]
         for area in {int(number) for number in inside} - {0}:
             drawn |= areas == area
         for dr, dc in ((0, 1), (1, 0), (1, 1)):  # the end of a beam is two cells thick
@@ -205,11 +192,10 @@ class KnownArea:
         side = len(self.cells)
         near = np.hypot(*relative.T) - PERSON_RADIUS <= RANGE
         near &= np.all((low >= 0) & (high < side), axis=1)
-        squares = zip(near.tolist(), low.tolist(), high.tolist(), strict=True)
         return np.array(
             [
                 is_near and bool(self.cells[bottom:top, left:right].any())
-                for is_near, (left, bottom), (right, top) in squares
+                for is_near, (left, bottom), (right, top) in zip(near, low, high, strict=True)
             ]
         )
 

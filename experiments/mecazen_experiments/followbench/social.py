@@ -10,6 +10,7 @@ people. The direction vectors from clusters are divided by the norm of all vecto
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from mecazen.geometry import Pose2D, wrap
@@ -103,20 +104,23 @@ class Social:
 
     def _push(self, view: View) -> tuple[float, float]:
         """Return the repulsion [m/s²] from visible people and from clusters of the scan."""
-        place = np.array(view.robot[:2])
-        away = place - np.array([person[:2] for person in view.people]).reshape(-1, 2)
-        ranges = np.hypot(away[:, 0], away[:, 1])
-        x, y = _repulsion(away / ranges[:, None], ranges, *PEOPLE)
-        last = self._last
         middles = [center(group) for group in clusters(points(view))]
+        last = self._last
         if last is not None:
             middles = [middle for middle in middles if math.dist(middle, last[:2]) > TARGET_M]
-        away = place - np.array(middles).reshape(-1, 2)
-        ranges = np.hypot(away[:, 0], away[:, 1])
+        away, ranges = _away(view.robot, [person[:2] for person in view.people])
+        x, y = _repulsion(away / ranges[:, None], ranges, *PEOPLE)
+        away, ranges = _away(view.robot, middles)
         away, ranges = away[ranges < THINGS_M], ranges[ranges < THINGS_M]
         norm = math.sqrt(math.fsum((ranges * ranges).tolist()))
         things_x, things_y = _repulsion(away / max(norm, 1e-9), ranges, *THINGS)
         return x + things_x, y + things_y
+
+
+def _away(robot: Pose2D, places: Sequence[tuple[float, float]]) -> tuple[Floats, Floats]:
+    """Return the vectors from places to the robot (n, 2), and their lengths (n) [m]."""
+    away = np.array(robot[:2]) - np.array(places).reshape(-1, 2)
+    return away, np.hypot(away[:, 0], away[:, 1])
 
 
 def _repulsion(away: Floats, ranges: Floats, strength: float, reach: float) -> tuple[float, float]:
