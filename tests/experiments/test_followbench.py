@@ -27,7 +27,7 @@ from mecazen_experiments.followbench.robot import (
     touches,
 )
 from mecazen_experiments.followbench.social import place
-from mecazen_experiments.study import load_study, study_path
+from mecazen_experiments.study import load_study, matching, study_path
 
 OPEN = read(SAMPLE / "dynamic" / "NormalParallelOrcaH5W0_back_2.yaml")
 CORRIDOR_FILE = SAMPLE / "layout" / "CorridorOrcaH4W5.6_back_1.yaml"
@@ -101,7 +101,7 @@ def test_the_sample_is_readable_and_every_scenario_has_a_length():
         ("{name: rectangle, length: 40.0", "{name: circle, length: 40.0", r"obstacle\[0\]\.shape"),
         ("world:", "world: [", r"not YAML: line \d+"),
         ("world:", "w\0rld:", r"not YAML"),
-        ("height: 10.0", "deep: " + "[" * 5000 + "]" * 5000, r"not YAML: .*recursion"),
+        ("height: 10.0", "deep: " + "[" * 1000 + "]" * 1000, r"not YAML: .*recursion"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, old, new, message):
@@ -458,7 +458,7 @@ def jobs(name, *settings, seeds=(1,), file="uTurn_back_1"):
 def test_a_study_elsewhere_has_the_episodes_of_the_package(tmp_path):
     copy = tmp_path / "mine.toml"
     copy.write_bytes(study_path("followbench_rules").read_bytes())
-    assert {job.file for job in expand(load_study(copy))} == {*SAMPLE.rglob("*.yaml")}
+    assert matching(load_study(copy).files) == sorted(SAMPLE.rglob("*.yaml"))
 
 
 @pytest.mark.parametrize(
