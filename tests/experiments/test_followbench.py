@@ -22,11 +22,9 @@ from mecazen_experiments.followbench.robot import (
     BEAMS,
     KnownArea,
     Unicycle,
-    gaps,
     scan,
     touches,
 )
-from mecazen_experiments.followbench.social import place
 from mecazen_experiments.study import load_study, matching, study_path
 
 OPEN = read(SAMPLE / "dynamic" / "NormalParallelOrcaH5W0_back_2.yaml")
@@ -135,17 +133,14 @@ def test_a_name_contains_scenario_place_and_number(tmp_path, name, message):
     [
         (0.0, 2.0, 2.0),  # from rest, any speed
         (1.0, 2.0, 1.2),  # 2 m/s² for 0.1 s
-        (2.0, 0.0, 0.0),  # braking is 50 times harder
-        (1.0, -1.5, -1.5),  # and continues beyond zero
+        (1.0, -1.5, -1.5),  # braking is 50 times harder, and continues beyond zero
     ],
 )
 def test_a_speed_changes_slowly_away_from_zero_only(speed, command, allowed):
-    after = Unicycle(Pose2D(10.0, 10.0), v=speed).step(command, 0.0, SIZE)
+    after = Unicycle(Pose2D(10.0, 10.0), v=speed).step(command, 2.0, SIZE)
     assert after.v == pytest.approx(allowed, abs=1e-12)  # rounding
-
-
-def test_a_step_moves_along_the_old_heading_and_stops_at_the_edge():
-    assert Unicycle(Pose2D(10.0, 10.0)).step(1.0, 2.0, SIZE).pose == Pose2D(10.1, 10.0, 0.2)
+    # along the heading before the step
+    assert after.pose == pytest.approx((10.0 + 0.1 * allowed, 10.0, 0.2))
     edge = Unicycle(Pose2D(30.1, 15.0, 0.0), v=1.5)
     assert edge.step(1.7, 0.5, SIZE) == Unicycle(edge.pose)
 
@@ -163,13 +158,11 @@ def test_the_outline_is_longer_ahead_of_the_axle(x, y, is_touched):
     quarter = Pose2D(5.0, 5.0, math.pi / 2)
     person = quarter.compose(Pose2D(x, y))
     assert touches(quarter, np.array([[person.x, person.y]]), NO_BOX) == is_touched
-    assert (gaps(quarter, np.array([[person.x, person.y]]))[0] <= 0.0) == is_touched
 
 
 @pytest.mark.parametrize(
     ("box", "is_touched"),
     [
-        ((1.59, 0.0, 0.0, 2.0, 1.0), True),
         ((0.25, 0.0, 1.0, 0.1, 0.1), True),  # a box within the outline
         ((0.6 + 0.70, 0.0, math.pi / 4, 1.0, 1.0), True),  # a corner points at the front
         ((0.95, 0.625, math.pi / 4, 0.98, 0.98), False),  # edges at 45° pass by the corner
@@ -179,17 +172,12 @@ def test_boxes_are_touched_at_their_edges(box, is_touched):
     assert touches(Pose2D(), NOBODY, np.array([box])) == is_touched
 
 
-def beam(bearing_deg, ranges):
-    """Return the range of the beam that is nearest to a bearing."""
-    return ranges[np.abs(ANGLES - math.radians(bearing_deg)).argmin()]
-
-
 def test_beams_go_counter_clockwise_from_behind():
     person = np.array([[0.0, 2.0]])  # to the left of a robot that looks along x
     ranges = scan(Pose2D(), person, NO_BOX)
     away = scan(Pose2D(yaw=-math.pi / 2), person, NO_BOX)
     # the nearest beam passes the person's middle by up to 0.9°: 1.700 m to 1.703 m
-    assert beam(90.0, ranges) == pytest.approx(1.7, abs=0.003)
+    assert ranges[np.abs(ANGLES - math.pi / 2).argmin()] == pytest.approx(1.7, abs=0.003)
     assert away[[0, -1]] == pytest.approx([1.7, 1.7])
     assert np.count_nonzero(ranges < 5.0) == 10  # 2 asin(0.3 / 2) are 17.3°, of 1.81° each
     assert np.array_equal(scan(Pose2D(1.0, 2.0, 0.5), NOBODY, NO_BOX), np.full(BEAMS, 5.0))
@@ -245,15 +233,9 @@ def test_a_path_leads_through_the_door():
     assert near == sorted(near, key=lambda cell: abs(cell - (2.0 + 4.5j)))
 
 
-@pytest.mark.parametrize(("inflation", "blocked"), [(0, 1), (2, 4), (3, 9)])
-def test_a_blocked_cell_becomes_a_square(inflation, blocked):
-    grid = Grid(world(Box(5.1, 5.1, 0.0, 0.1, 0.1), inflation=inflation))
-    assert grid.blocked.sum() == blocked
-    # cell (25, 25): an even square reaches farther towards higher indices
-    assert grid.blocked[25 : 26 + inflation // 2, 25].all()
-
-
-def test_people_heed_the_blocked_cells_of_a_square_at_the_origin_alone():
+def test_blocked_cells_become_squares_and_those_near_the_origin_are_heeded():
+    grid = Grid(world(Box(5.1, 5.1, 0.0, 0.1, 0.1), inflation=2))
+    assert np.argwhere(grid.blocked).tolist() == [[25, 25], [25, 26], [26, 25], [26, 26]]
     grid = Grid(CORRIDOR)  # 40 × 10 m, the lower wall up to y = 2.2 m
     assert grid.near(9.0 + 2.5j)
     assert grid.near(12.0 + 2.5j) == []
@@ -380,14 +362,6 @@ def test_motion_is_that_of_the_rows_after_each_step():
 
 
 # ---- planners
-
-
-def test_the_goal_is_behind_the_target_or_on_its_nearer_side():
-    behind = place(WALKER, 0.0, Pose2D(10.0, 1.0), "back", 1.5)
-    assert behind == pytest.approx((10.0, 3.5, math.pi / 2))
-    for side in (1.0, -1.0):
-        beside = place(WALKER, 0.0, Pose2D(8.0, 5.0 + side), "left_side", 1.5)
-        assert beside == pytest.approx((10.0, 5.0 + 1.5 * side, 0.0))
 
 
 MINE = """

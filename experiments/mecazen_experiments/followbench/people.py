@@ -6,7 +6,7 @@ blocked cells of the grid have lines of their own. The horizon is 1 s, or one st
 that are nearer than the radius. People choose velocities one after the other, so each uses the new
 places of those before. A walker changes its velocity at once, and brakes when it touches something.
 
-Complex numbers are much faster than arrays for the twenty lines of a walker.
+Vectors are complex numbers x + iy: for the twenty lines of a walker faster than arrays.
 """
 
 from __future__ import annotations
@@ -27,21 +27,18 @@ from mecazen_experiments.followbench.robot import PERSON_RADIUS, Unicycle, gaps
 
 SPEED_M_S = 1.5
 """Preferred and maximum speed."""
-CELL_M = 0.2
-"""Edge of a cell [m]."""
-SKIP = 5
-"""Number of cells from one way-point to the next."""
+CELL_M, SKIP = 0.2, 5
+"""Edge of a cell [m], and number of cells from one way-point to the next."""
 NEAR_CELLS, NEAR_AT_MOST = 2, 10
 """Range [cells] and number of the blocked cells that a walker heeds."""
 STEPS = ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1))
 SKIN_M = 0.1
 """Margin that ORCA adds to a body's radius."""
-GROWN_M = 0.05
-"""Margin of a body; if the body with this margin touches something, the walker brakes ..."""
+GROWN_M, BRAKED = 0.05, 1.0 / 20.0
+"""Margin with which a body touches something; then the walker rests for a step, and brakes to this
+share of its velocity."""
 TOUCHING = (2.0 * PERSON_RADIUS + GROWN_M) ** 2
 """Square of the distance between two people who touch [m²]."""
-BRAKED = 1.0 / 20.0
-"""... to this share of the velocity, after a step at rest."""
 SLOW_M, ARRIVED_M = 1.0, 0.1
 """Distances of a way-point below which the walker slows down, and stands."""
 PARALLEL = 1e-6
@@ -52,10 +49,10 @@ Cell = tuple[int, int]
 """A cell's row (along y) and column (along x)."""
 Vector = tuple[float, float]
 State = tuple[complex, complex]
-"""Place [m] and velocity [m/s], x + iy."""
+"""Place [m] and velocity [m/s]."""
 Line = tuple[complex, complex]
 """A half-plane of permitted velocities, on the left of a line: the line's direction (a unit vector)
-and a velocity on it [m/s], x + iy."""
+and a velocity on it [m/s]."""
 
 
 class Grid:
@@ -112,11 +109,10 @@ class Grid:
         return min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
 
     def _path(self, start: Cell, goal: Cell) -> list[Cell] | None:
-        """Return the cells of the shortest way over eight neighbours; None: there is none."""
-        blocked, (rows, columns) = self.blocked, self.blocked.shape
+        """Return the cells of the shortest way over eight neighbours (A*); None: there is none."""
+        rows, columns = self.blocked.shape
         parents: dict[Cell, Cell] = {}
-        best = {start: 0.0}
-        queue = [(0.0, start)]
+        best, queue = {start: 0.0}, [(0.0, start)]
         while queue:
             total, cell = heapq.heappop(queue)
             if cell == goal:
@@ -126,13 +122,12 @@ class Grid:
             so_far = total - _straight(cell, goal)  # minus a constant, since the start has 0
             for di, dj in STEPS:
                 i, j = neighbour = cell[0] + di, cell[1] + dj
-                if not (0 <= i < rows and 0 <= j < columns) or blocked[i, j]:
+                if not (0 <= i < rows and 0 <= j < columns) or self.blocked[i, j]:
                     continue
                 step = math.sqrt(2.0) if di and dj else 1.0
                 through = so_far + step + _straight(neighbour, goal)
                 if through < best.get(neighbour, math.inf):
-                    best[neighbour] = through
-                    parents[neighbour] = cell
+                    best[neighbour], parents[neighbour] = through, cell
                     heapq.heappush(queue, (through, neighbour))
         if goal not in parents:
             return [goal] if start == goal else None
@@ -178,10 +173,7 @@ def _covered(box: Box, shape: tuple[int, ...]) -> Flags:
 
 
 class People:
-    """The target and the others of an episode, step by step.
-
-    Vectors are complex numbers x + iy.
-    """
+    """The target and the others of an episode, step by step."""
 
     def __init__(self, episode: Episode) -> None:
         self._walks = (episode.target, *episode.humans)
@@ -261,13 +253,8 @@ def orca(
 ) -> complex:
     """Return the permitted velocity that is nearest to the preferred one [m/s].
 
-    Args:
-        place: The walker's place [m].
-        velocity: The walker's velocity [m/s].
-        preferred: The preferred velocity [m/s].
-        neighbours: Place and velocity of each neighbour [m, m/s].
-        cells: Blocked cells near by [m].
-        radius: Distance to be kept between centres [m].
+    `neighbours` are places and velocities, `cells` the blocked cells near by [m], and `radius` is
+    the distance to be kept between centres [m].
     """
     relative = [(there - place, velocity - theirs) for there, theirs in neighbours]
     relative.sort(key=lambda neighbour: _squared(neighbour[0]))
@@ -289,12 +276,8 @@ def _line(
 ) -> Line:
     """Return the line (half-plane) of velocities that avoid a neighbour.
 
-    Args:
-        offset: Vector to the neighbour [m].
-        relative: The walker's velocity minus the neighbour's [m/s].
-        velocity: The walker's velocity [m/s].
-        radius: Distance to be kept [m].
-        share: Part of the change of velocity that the walker makes.
+    `offset` is the vector to the neighbour, `relative` the walker's velocity minus the neighbour's,
+    and `share` the part of the change of velocity that the walker makes.
     """
     squared = _squared(offset)
     is_far = squared > radius * radius
