@@ -256,7 +256,7 @@ def orca(
     `neighbours` are places and velocities, `cells` the blocked cells near by [m], and `radius` is
     the distance to be kept between centres [m].
     """
-    relative = [(there - place, velocity - theirs) for there, theirs in neighbours]
+    relative = [(position - place, velocity - motion) for position, motion in neighbours]
     relative.sort(key=lambda neighbour: _squared(neighbour[0]))
     lines = [_line(*neighbour, velocity, radius, 0.5) for neighbour in relative]
     # as in Follow-Bench, a cell nearer than the radius has no line

@@ -20,10 +20,8 @@ from mecazen_experiments.followbench.episodes import STEP_S
 
 MAX_V, MAX_W = 2.0, math.pi
 """Maximum speed [m/s] and yaw rate [rad/s], forwards and backwards."""
-ACCELERATION_V, ACCELERATION_W = 2.0, math.pi
-"""Maximum acceleration away from rest [m/s²], [rad/s²]; a moving robot brakes much harder."""
-BRAKING = 50.0
-"""Ratio of deceleration to acceleration."""
+ACCELERATION_V, ACCELERATION_W, BRAKING = 2.0, math.pi, 50.0
+"""Maximum acceleration away from rest [m/s²], [rad/s²], and ratio of deceleration to it."""
 CENTRE, HALF = 0.25, (0.35, 0.275)
 """Centre of the outline ahead of the axle, and half its length and width [m]: 0.70 x 0.55."""
 PERSON_RADIUS = 0.3
@@ -37,12 +35,9 @@ APART = 2.0 * math.pi / (BEAMS - 1)
 ANGLES: Floats = np.arange(BEAMS, dtype=np.float64) * APART - math.pi
 """Angle of each beam from the robot's heading [rad], counter-clockwise."""
 DIRECTIONS: Floats = np.stack((np.cos(ANGLES), np.sin(ANGLES)))
-PER_M = 10
-"""Cells per metre of the map of known cells."""
-HALF_M = 6
-"""Half the side of that map [m]."""
-MARGIN = 1.0
-"""Margin around the ends of the beams in which a scan redraws the map [m]."""
+PER_M, HALF_M, MARGIN = 10, 6, 1.0
+"""Map of known cells: cells per metre, half of its side, and the margin around the ends of the
+beams in which a scan redraws it [m]."""
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
