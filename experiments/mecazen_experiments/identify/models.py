@@ -21,11 +21,12 @@ from itertools import combinations
 
 import numpy as np
 from mecazen.robot import Robot
+from mecazen_tools.statistics import Interval
 from scipy.optimize import least_squares
 
 from mecazen_experiments.identify.data import Array
 from mecazen_experiments.identify.windows import Moments, gains, ideal_matrix, in_reference, total
-from mecazen_experiments.statistics import Interval, jackknife
+from mecazen_experiments.statistics import jackknife
 
 FRAME = ("misalignment_rad", "offset_x_m", "offset_y_m")
 """Mounting of the reference on the robot: its yaw, and its position in base_link."""

@@ -11,6 +11,7 @@ import numpy as np
 from joblib import Parallel, delayed, parallel_config
 from mecazen.errors import ConfigError
 from mecazen.robot import Robot
+from mecazen_tools.statistics import Interval
 
 from mecazen_experiments.identify.data import Array, Run
 from mecazen_experiments.identify.identification import Identification, identify, sessions
@@ -22,7 +23,7 @@ from mecazen_experiments.identify.windows import (
     mounted,
     odometry,
 )
-from mecazen_experiments.statistics import Interval, jackknife
+from mecazen_experiments.statistics import jackknife
 
 HORIZON_S = 10.0
 """Time after which drift is measured."""
