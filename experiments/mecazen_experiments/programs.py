@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from mecazen_experiments import fuzz, limit, quality, safety, scores
+from mecazen_experiments import fuzz, limit, mocap, safety, scores
 from mecazen_experiments.followbench import program as benchmark
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ PROGRAMS: dict[str, Callable[[Job], Mapping[str, Value]]] = {
     "followbench_rules": benchmark.followbench_rules,
     "following": scores.following,
     "fuzz": fuzz.fuzz,
-    "mocap": quality.mocap,
+    "mocap": mocap.mocap,
     "safety": safety.safety,
     "walkers": limit.walkers,
 }

@@ -4,7 +4,7 @@ import numpy as np
 from mecazen.config.people import Body
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.skeleton import INDEX, JOINTS
-from mecazen_experiments.capture import Motion as Reported
+from mecazen_experiments.gait.motion import Motion
 from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.motion import PersonMotion
 
@@ -62,4 +62,4 @@ def reported(t, joints, std=1e-3):
     """Joints as reported with a deviation [m]."""
     shape = joints.shape[:2]
     unknown = np.full((len(t), 2), np.nan)
-    return Reported(t, joints, np.full(shape, std), np.full(shape, 2), unknown)
+    return Motion(t, joints, np.full(shape, std), np.full(shape, 2), unknown)

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from mecazen.keys import ODOM, SKELETONS, TARGET_SKELETON
 from mecazen.messages import Message
 from mecazen.portable import Floats
 from mecazen.robots import split_key
-from mecazen.skeleton import INDEX, JOINTS, SIDES
+from mecazen.skeleton import JOINTS
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
 from mecazen_tools.table import Poses
 
-from mecazen_experiments.capture import SEEN, Motion, motions
-from mecazen_experiments.gait.events import Events, planted, zeni
-from mecazen_experiments.gait.parameters import Gait, Stride, strides, summary
-from mecazen_experiments.gait.path import PATH_HZ, about_path, lowpass
-from mecazen_experiments.gait.rhythm import rhythm
-from mecazen_experiments.refine import refine, smooth
+from mecazen_experiments.gait.cycle import cycle, regular, rhythm
+from mecazen_experiments.gait.motion import (
+    LEGS,
+    PATH_HZ,
+    SEEN,
+    Motion,
+    about_path,
+    lowpass,
+    motions,
+)
+from mecazen_experiments.gait.refine import refine, smooth, unswapped
+from mecazen_experiments.gait.strides import Events, Gait, planted, strides, summary, zeni
 
-LEGS = [[INDEX[f"{s}_{name}"] for name in ("knee", "ankle", "heel", "foot")] for s in SIDES]
-"""Joints that a leg's strides need."""
 WALKS_M_S = 0.25
 """Speed along the path above which a person walks."""
 BEGIN_S, END_S = 1.5, 0.5
@@ -42,7 +48,8 @@ class Stage(NamedTuple):
     body."""
     events: Events | None = None
     """Events; None if none can be found."""
-    strides: tuple[Stride, ...] = ()
+    strides: pd.DataFrame | None = None
+    """The rows of `strides`; None without any."""
 
     @property
     def gait(self) -> Gait | None:
@@ -53,7 +60,7 @@ class Stage(NamedTuple):
 def true_stage(truth: Motion) -> Stage:
     """Return the truth, with the events of the planted feet."""
     events = planted(truth.t, truth.joints)
-    return Stage(truth.t, truth.joints, events, tuple(strides(truth.t, truth.joints, events)))
+    return Stage(truth.t, truth.joints, events, strides(truth.t, truth.joints, events))
 
 
 def seen_stages(seen: Motion) -> dict[str, Stage]:
@@ -63,20 +70,23 @@ def seen_stages(seen: Motion) -> dict[str, Stage]:
     and is low-passed. `refined` is the result of `refine`. Events are corrected for their mean
     errors, and those of `filtered` follow the rhythm of the strides.
     """
-    stages = {"raw": Stage(seen.t, seen.joints)}
+    t, corrected = seen.t, unswapped(seen)
+    stages = {"raw": Stage(t, seen.joints)}
+    if (filtered := smooth(corrected)) is None:
+        return stages
+    if (walk := about_path(filtered, seen.rate_hz)) is None:
+        return stages | {"filtered": Stage(t, filtered)}
     legs_seen = np.stack([(seen.confidence[:, leg] == SEEN).all(axis=1) for leg in LEGS], axis=-1)
-    for name, joints in (("filtered", smooth(seen)), ("refined", refine(seen))):
-        if joints is None:
-            continue
-        stages[name] = Stage(seen.t, joints)
-        if (walk := about_path(joints, seen.rate_hz)) is not None:
-            events = zeni(seen.t, walk).corrected()
-            if name == "filtered":
-                events = events.each(rhythm(seen, walk).regular)
-            rows = tuple(strides(seen.t, joints, events, legs_seen))
-            stages[name] = Stage(seen.t, joints, events, rows)
-    if "filtered" in stages:
-        stages["raw"] = stages["raw"]._replace(events=stages["filtered"].events)
+    mean = cycle(corrected, walk)
+    even, actual = rhythm(corrected, walk, mean)
+    events = zeni(t, walk).each(partial(regular, even=even, actual=actual))
+    stages["raw"] = Stage(t, seen.joints, events)
+    stages["filtered"] = Stage(t, filtered, events, strides(t, filtered, events, legs_seen))
+    refined = refine(corrected, walk, mean)
+    stages["refined"] = Stage(t, refined)
+    if (walk := about_path(refined, seen.rate_hz)) is not None:
+        events = zeni(t, walk)
+        stages["refined"] = Stage(t, refined, events, strides(t, refined, events, legs_seen))
     return stages
 
 
@@ -170,7 +180,7 @@ def _messages(
 
 def _walked(seen: Motion) -> npt.NDArray[np.int64] | None:
     """Return the frames of the longest walk; None if it is shorter than 3 s."""
-    joints = smooth(seen)
+    joints = smooth(unswapped(seen))
     if joints is None:
         return None
     path = lowpass(joints[:, 0, :2], seen.rate_hz, PATH_HZ)

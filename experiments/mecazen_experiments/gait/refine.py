@@ -19,35 +19,32 @@ changes no joint's mean error by more than 0.4 deg.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-import numpy.typing as npt
 from mecazen.skeleton import INDEX, JOINTS, SIDES
-from mecazen_tools.table import Floats
-from scipy.optimize import least_squares, minimize_scalar
+from mecazen_tools.table import Bools, Floats
+from scipy.optimize import least_squares
 
-from mecazen_experiments.capture import Motion
-from mecazen_experiments.gait.path import (
+from mecazen_experiments.gait.cycle import CORRELATED, STRIDE_STD_M, Cycle
+from mecazen_experiments.gait.motion import (
+    ANKLES,
+    BALLS,
+    HEELS,
+    HIPS,
     MIN_SPEED_M_S,
     PATH_HZ,
+    SHOULDERS,
+    Motion,
     WalkOnPath,
-    about_path,
     leftward,
     lowpass,
-    stride_frequency,
 )
 
 CUTOFF_HZ = 6.0
 """Cut-off of joints in a gait; D. A. Winter, Biomechanics and Motor Control of Human Movement."""
-HARMONICS = 12
-"""Number of harmonics of the gait cycle: with 8, correct joints get an angle error of 1 deg."""
 TURNING_HZ = 0.3
 """Cut-off of the direction from right to left; slower than confusions of left and right."""
 SWAP_RATE = 0.01
 """Prior probability that a confusion of left and right begins or ends in a frame."""
-CORRELATED = 12.0
-"""Number of successive frames with about the same error."""
 MIN_FRAMES = 20
 """Minimum number of frames for refinement."""
 PHASES = 25
@@ -59,23 +56,12 @@ BONES = ("hip", "knee"), ("knee", "ankle"), ("ankle", "heel"), ("ankle", "foot")
 """Bones of each leg, by their ends; both legs have the same lengths."""
 ENDS = np.array([[[INDEX[f"{s}_{end}"] for end in bone] for bone in BONES] for s in SIDES])
 TRUNK = [INDEX[name] for name in ("pelvis", "spine", "neck")]
-HIPS, SHOULDERS, ANKLES, HEELS, BALLS = (
-    [INDEX[f"{s}_{n}"] for s in SIDES] for n in ("hip", "shoulder", "ankle", "heel", "foot")
-)
-SOLES = [INDEX[f"{side}_{name}"] for side in SIDES for name in ("heel", "foot")]
+SOLES = [joint for foot in zip(HEELS, BALLS, strict=True) for joint in foot]
 FITTED = [n for n, name in enumerate(JOINTS) if not name.endswith(("head", "elbow", "wrist"))]
 """Joints whose biases are estimated."""
 
-MOVES = [name.endswith((*LOWER, "elbow", "wrist")) for name in JOINTS]
-"""Whether a joint belongs to a swinging limb."""
-LIMB_M, TRUNK_M = 0.4, 0.04
-"""Prior deviation of the first harmonic's amplitude, for limbs and for other joints. The deviation
-of the k-th harmonic is k² times smaller for limbs, and k times smaller for other joints."""
-
 LEAST_STD_M = 1e-4
 """Lower bound of deviations: the resolution of messages."""
-STRIDE_STD_M = 0.005
-"""Prior deviation of a joint from its cycle."""
 BONE_STD_M = 0.1
 """Apparent change of a bone's length [m]: larger than the true change, since errors at the phases
 of a cycle are not independent."""
@@ -87,41 +73,6 @@ FLOOR_STD_M = 0.005
 """Deviation of the lowest point of heel and ball from the floor."""
 KNEE_STD_RAD = 0.03
 """Deviation of a knee's extension beyond straight."""
-
-
-def refine(seen: Motion) -> Floats | None:
-    """Return the refined joints (n, 20, 3) [m] of `seen`, in a level frame with the floor at 0.
-
-    The result is None if the person does not walk.
-    """
-    filtered = smooth(seen)
-    walk = None if filtered is None else about_path(filtered, seen.rate_hz)
-    if walk is None:
-        return None
-    seen = unswapped(seen)
-    stride, series = cycle(seen, walk)
-    phases = np.arange(PHASES) / PHASES * stride
-    bias = biases(at(phases, stride, series), np.median(seen.std[seen.reported], axis=0))
-    joints = at(seen.t, stride, series)
-    # the mean of cycle and frame, each weighted by its inverse variance
-    gain = STRIDE_STD_M**2 / (STRIDE_STD_M**2 + seen.std[..., None] ** 2)
-    strayed = np.where(seen.reported[:, None, None], gain * (walk.about(seen.joints) - joints), 0.0)
-    return walk.placed(joints + strayed - bias)
-
-
-def smooth(seen: Motion) -> Floats | None:
-    """Return the joints (n, 20, 3) [m] with swaps corrected, gaps interpolated, and low-passed.
-
-    The result is None if too few frames report a body.
-    """
-    rows = np.flatnonzero(seen.reported)
-    if len(rows) < max(MIN_FRAMES, len(seen.t) // 2):
-        return None
-    put_right = unswapped(seen).joints
-    flat = put_right.reshape(len(seen.t), -1)
-    closed = np.stack([np.interp(seen.t, seen.t[rows], column[rows]) for column in flat.T], axis=-1)
-    filtered: Floats = lowpass(closed, seen.rate_hz, CUTOFF_HZ).reshape(put_right.shape)
-    return filtered
 
 
 def unswapped(seen: Motion) -> Motion:
@@ -153,63 +104,32 @@ def unswapped(seen: Motion) -> Motion:
     return seen._replace(joints=seen.joints[at], std=seen.std[at], confidence=seen.confidence[at])
 
 
-def _left(joints: Floats, rate_hz: float) -> Floats:
-    """Return the direction to the left (n, 2) of a body (n, 20, 3) [m], of length 1.
+def smooth(seen: Motion) -> Floats | None:
+    """Return the joints (n, 20, 3) [m] with gaps interpolated, and low-passed.
 
-    If the whole body is mirrored for seconds, its left is on the wrong side of the path. The
-    correct side is the one where left is most of the time.
+    `seen` has left and right corrected. The result is None if too few frames report a body.
     """
-    left = lowpass(leftward(joints), rate_hz, TURNING_HZ)
-    left /= np.hypot(*left.T)[:, None]
-    velocity = np.gradient(lowpass(joints[:, 0, :2], rate_hz, PATH_HZ), axis=0) * rate_hz
-    aside = velocity[:, 0] * left[:, 1] - velocity[:, 1] * left[:, 0]
-    wrong = (aside * np.median(aside) < 0.0) & (np.hypot(*velocity.T) > MIN_SPEED_M_S)
-    return np.where(wrong[:, None], -left, left)
+    rows = np.flatnonzero(seen.reported)
+    if len(rows) < max(MIN_FRAMES, len(seen.t) // 2):
+        return None
+    flat = seen.joints.reshape(len(seen.t), -1)
+    closed = np.stack([np.interp(seen.t, seen.t[rows], column[rows]) for column in flat.T], axis=-1)
+    filtered: Floats = lowpass(closed, seen.rate_hz, CUTOFF_HZ).reshape(seen.joints.shape)
+    return filtered
 
 
-def cycle(seen: Motion, walk: WalkOnPath) -> tuple[float, Floats]:
-    """Return the gait cycle that fits the joints best, each weighted by its reported variance.
+def refine(seen: Motion, walk: WalkOnPath, mean: Cycle) -> Floats:
+    """Return the refined joints (n, 20, 3) [m] of `seen`, in a level frame with the floor at 0.
 
-    The result is the stride's duration [s], and the joints as a Fourier series: the coefficients (1
-    + 2 · HARMONICS, 20, 3) [m] of 1, then of cosines, then of sines.
-
-    `seen` has left and right corrected, `walk` are the low-passed joints relative to the walker's
-    path. The stride time is searched within 10 % of that of the strongest frequency.
+    `seen` has left and right corrected.
     """
-    rows = seen.reported
-    t = seen.t[rows]
-    joints = walk.about(seen.joints)[rows]
-    weights = 1.0 / np.sqrt(CORRELATED * (seen.std[rows] ** 2 + STRIDE_STD_M**2))
-
-    orders = np.tile(np.arange(1, HARMONICS + 1), 2)
-    priors = [
-        np.diag(np.append(0.0, orders**2 / LIMB_M if swings else orders / TRUNK_M))
-        for swings in MOVES
-    ]
-
-    def fit(stride: float, which: Sequence[int]) -> tuple[Floats, float]:
-        basis = _basis(t, stride)
-        series, misfit = np.empty((basis.shape[1], len(which), 3)), 0.0
-        for n, joint in enumerate(which):
-            w = weights[:, joint, None]
-            system = np.concatenate((w * basis, priors[joint]))
-            wanted = np.zeros((len(system), 3))
-            wanted[: len(t)] = w * joints[:, joint]
-            series[:, n] = np.linalg.lstsq(system, wanted, rcond=None)[0]
-            misfit += float(((system @ series[:, n] - wanted) ** 2).sum())
-        return series, misfit
-
-    guess = 1.0 / stride_frequency(walk, seen.rate_hz)
-    tried = guess * np.linspace(0.9, 1.1, 41)
-    misfits = [fit(stride, ANKLES)[1] for stride in tried]
-    at = int(np.argmin(misfits[1:-1])) + 1
-    stride = minimize_scalar(
-        lambda value: fit(value, ANKLES)[1],
-        bounds=(tried[at - 1], tried[at + 1]),
-        method="bounded",
-        options={"xatol": 1e-4},
-    ).x
-    return float(stride), fit(float(stride), range(len(JOINTS)))[0]
+    phases = np.arange(PHASES) / PHASES * mean.stride_s
+    bias = biases(mean.at(phases), np.median(seen.std[seen.reported], axis=0))
+    joints = mean.at(seen.t)
+    # the mean of cycle and frame, each weighted by its inverse variance
+    gain = STRIDE_STD_M**2 / (STRIDE_STD_M**2 + seen.std[..., None] ** 2)
+    strayed = np.where(seen.reported[:, None, None], gain * (walk.about(seen.joints) - joints), 0.0)
+    return walk.placed(joints + strayed - bias)
 
 
 def biases(joints: Floats, std: Floats) -> Floats:
@@ -250,16 +170,18 @@ def biases(joints: Floats, std: Floats) -> Floats:
     return expand(least_squares(residuals, begin, x_scale="jac", ftol=1e-4).x)
 
 
-def at(t: Floats, stride: float, series: Floats) -> Floats:
-    """Return the joints (n, 20, 3) of a cycle, relative to the path, at times t (n,) [s]."""
-    joints: Floats = np.einsum("nk,kji->nji", _basis(t, stride), series)
-    return joints
+def _left(joints: Floats, rate_hz: float) -> Floats:
+    """Return the direction to the left (n, 2) of a body (n, 20, 3) [m], of length 1.
 
-
-def _basis(t: Floats, stride: float) -> Floats:
-    """Return 1, cosines and sines (n, 1 + 2 · HARMONICS) of the gait cycle."""
-    angles = 2.0 * np.pi / stride * np.outer(t, np.arange(1, HARMONICS + 1))
-    return np.concatenate((np.ones((len(t), 1)), np.cos(angles), np.sin(angles)), axis=1)
+    If the whole body is mirrored for seconds, its left is on the wrong side of the path. The
+    correct side is the one where left is most of the time.
+    """
+    left = lowpass(leftward(joints), rate_hz, TURNING_HZ)
+    left /= np.hypot(*left.T)[:, None]
+    velocity = np.gradient(lowpass(joints[:, 0, :2], rate_hz, PATH_HZ), axis=0) * rate_hz
+    aside = velocity[:, 0] * left[:, 1] - velocity[:, 1] * left[:, 0]
+    wrong = (aside * np.median(aside) < 0.0) & (np.hypot(*velocity.T) > MIN_SPEED_M_S)
+    return np.where(wrong[:, None], -left, left)
 
 
 def _lengths(joints: Floats) -> Floats:
@@ -285,7 +207,7 @@ def _flexions(joints: Floats) -> Floats:
     return flexions
 
 
-def _viterbi(evidence: Floats, steady: Floats) -> npt.NDArray[np.bool_]:
+def _viterbi(evidence: Floats, steady: Floats) -> Bools:
     """Return the likeliest sequence of two states (n,): False is the first, True the second.
 
     `evidence` (n,) are log-likelihood ratios of the first state to the second for each sample.
@@ -293,13 +215,10 @@ def _viterbi(evidence: Floats, steady: Floats) -> npt.NDArray[np.bool_]:
     """
     cost, came = np.zeros(2), []
     for value, same in zip(evidence, steady, strict=True):
-        penalty = same - np.log(SWAP_RATE)
-        change = cost[::-1] + penalty < cost
-        came.append(change)
-        cost = np.where(change, cost[::-1] + penalty, cost) + np.array([0.0, value])
-    state = int(cost[1] < cost[0])
-    states = []
-    for change in reversed(came):
-        states.append(bool(state))
-        state = 1 - state if change[state] else state
-    return np.array(states[::-1])
+        changed = cost[::-1] + (same - np.log(SWAP_RATE))
+        came.append(changed < cost)
+        cost = np.minimum(changed, cost) + np.array([0.0, value])
+    states = [int(cost[1] < cost[0])]
+    for change in reversed(came[1:]):
+        states.append(states[-1] ^ change[states[-1]])
+    return np.array(states[::-1], dtype=bool)
