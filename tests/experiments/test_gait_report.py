@@ -53,7 +53,7 @@ def test_the_norm_passes_through_its_values():
 
 
 def test_curves_of_equal_strides_do_not_vary(stage):
-    by_place = curves(stage)
+    by_place = dict([*curves(stage).groupby(["side", "joint"])])
     assert set(by_place) == {(side, joint) for side in ("left", "right") for joint in MEASURED}
     knee = by_place["left", "knee"]
     # the knee is most flexed in swing, and frames of 20 ms blur it by less than 2 deg
@@ -63,10 +63,11 @@ def test_curves_of_equal_strides_do_not_vary(stage):
 
 def test_scores_are_root_mean_squares_of_distances_from_the_norm():
     off = {"hip": 3.0, "knee": -4.0, "ankle": 12.0}
-    by_place = {
-        ("left", j): pd.DataFrame({"mean_deg": norm_curve(j) + by}) for j, by in off.items()
-    }
-    (scores,) = variable_scores(by_place).values()
+    places = [
+        pd.DataFrame({"side": "left", "joint": joint, "mean_deg": norm_curve(joint) + by})
+        for joint, by in off.items()
+    ]
+    (scores,) = variable_scores(pd.concat(places)).values()
     gps = math.sqrt((9.0 + 16.0 + 144.0) / 3.0)
     assert scores == pytest.approx({"hip": 3.0, "knee": 4.0, "ankle": 12.0, GPS: gps})
 

@@ -67,37 +67,29 @@ def norm_curve(joint: str) -> Floats:
     return curve
 
 
-def curves(stage: Stage) -> dict[tuple[str, str], pd.DataFrame]:
-    """Return the curves of a stage by side and joint [deg]; none without strides.
+def curves(stage: Stage) -> pd.DataFrame | None:
+    """Return the mean curves of a stage and their deviations over strides; None without strides.
 
-    A curve has a row for each of `PERCENT`, with mean and standard deviation over the strides.
+    There is a row for each side, joint and point of `PERCENT`.
     """
     if stage.strides is None:
-        return {}
+        return None
     degrees = angles(stage.joints)
     known = ~np.isnan(degrees).any(axis=1)
-    by_place = {}
+    parts = []
     for side, rows in stage.strides.groupby("side"):
-        times = [
-            start + PERCENT / 100.0 * (end - start)
-            for start, end in zip(rows["start_s"], rows["end_s"], strict=True)
-        ]
+        spans = rows[["start_s", "end_s"]].to_numpy()
+        times = [start + PERCENT / 100.0 * (end - start) for start, end in spans]
         for joint in MEASURED:
             values = degrees[known, ANGLES.index(f"{side}_{joint}")]
             strides = [np.interp(cycle, stage.t[known], values) for cycle in times]
-            columns = {
-                "strides": len(strides),
-                "percent": PERCENT,
-                "mean_deg": np.mean(strides, axis=0),
-                "sd_deg": np.std(strides, axis=0),
-            }
-            by_place[side, joint] = pd.DataFrame(columns)
-    return by_place
+            place = {"side": side, "joint": joint, "strides": len(strides), "percent": PERCENT}
+            mean, sd = np.mean(strides, axis=0), np.std(strides, axis=0)
+            parts.append(pd.DataFrame({**place, "mean_deg": mean, "sd_deg": sd}))
+    return pd.concat(parts, ignore_index=True)
 
 
-def variable_scores(
-    by_place: Mapping[tuple[str, str], pd.DataFrame],
-) -> dict[str, dict[str, float]]:
+def variable_scores(curves: pd.DataFrame | None) -> dict[str, dict[str, float]]:
     """Return the gait variable scores (GVS) [deg] by side: of each joint, and their sagittal GPS.
 
     R. Baker et al., The Gait Profile Score and Movement Analysis Profile, Gait & Posture 30, 2009:
@@ -105,7 +97,8 @@ def variable_scores(
     has the three sagittal angles.
     """
     scores: dict[str, dict[str, float]] = {}
-    for (side, joint), curve in by_place.items():
+    places = () if curves is None else curves.groupby(["side", "joint"], sort=False)
+    for (side, joint), curve in places:
         away = curve["mean_deg"].to_numpy() - norm_curve(joint)
         scores.setdefault(side, {})[joint] = float(np.sqrt(np.mean(away[::2] ** 2)))
     for values in scores.values():
@@ -178,12 +171,7 @@ def export(folder: Path, stages: Mapping[str, Stage], about: Mapping[str, Any]) 
         MecazenError: A file can't be written.
     """
     by_stage = {name: curves(stage) for name, stage in stages.items()}
-    strides = {name: stage.strides for name, stage in stages.items() if stage.strides is not None}
-    points = {
-        (name, *place): curve.round(4)
-        for name, by_place in by_stage.items()
-        for place, curve in by_place.items()
-    }
+    rounded = {name: None if rows is None else rows.round(4) for name, rows in by_stage.items()}
     summary = {
         **about,
         "software": f"mecazen {version('mecazen')}",
@@ -202,8 +190,8 @@ def export(folder: Path, stages: Mapping[str, Stage], about: Mapping[str, Any]) 
         },
     }
     contents = {
-        "strides.csv": _csv(strides, "stage"),
-        "curves.csv": _csv(points, "stage", "side", "joint"),
+        "strides.csv": _csv({name: stage.strides for name, stage in stages.items()}),
+        "curves.csv": _csv(rounded),
         "summary.json": msgspec.json.format(msgspec.json.encode(summary)).decode() + "\n",
     }
     for name, stage in stages.items():
@@ -219,11 +207,12 @@ def export(folder: Path, stages: Mapping[str, Stage], about: Mapping[str, Any]) 
     return written
 
 
-def _csv(frames: Mapping[Any, pd.DataFrame], *labels: str) -> str:
-    """Return the rows of all frames after their labels; without a frame, the labels only."""
+def _csv(by_stage: Mapping[str, pd.DataFrame | None]) -> str:
+    """Return the rows of all stages after the stage's name."""
+    frames = {name: rows for name, rows in by_stage.items() if rows is not None}
     if not frames:
-        return ",".join(labels) + "\n"
-    text: str = pd.concat(frames, names=labels).reset_index(labels).to_csv(index=False)
+        return "stage\n"
+    text: str = pd.concat(frames, names=["stage"]).reset_index("stage").to_csv(index=False)
     return text
 
 
