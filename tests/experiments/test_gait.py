@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from experiments.walks import RATE_HZ, SPEED_M_S, STRIDE_S, pendulum, person, reported
+from experiments.walks import RATE_HZ, person, reported
 from mecazen.config.people import Body, Limp
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen_experiments.gait.cycle import regular
 from mecazen_experiments.gait.motion import about_path
 from mecazen_experiments.gait.stages import seen_stages
 from mecazen_experiments.gait.strides import (
-    OFF_LATE_S,
-    STRIKE_EARLY_S,
     Events,
     Spread,
     cycles,
@@ -29,23 +27,6 @@ def measured(t, joints):
 
 def true_gait(t, joints):
     return summary(strides(t, joints, planted(t, joints)))
-
-
-@pytest.mark.parametrize(("yaw", "late"), [(0.0, 0.5), (-2.5, 0.45)])
-def test_parameters_of_a_pendulum(yaw, late):
-    t, joints = pendulum(yaw=yaw, late=late)
-    gait = measured(t, joints)
-    assert gait.mean("stride_time_s") == pytest.approx(STRIDE_S, abs=0.001)
-    assert gait.mean("speed_m_s") == pytest.approx(SPEED_M_S, abs=0.002)
-    assert gait.mean("stride_length_m") == pytest.approx(STRIDE_S * SPEED_M_S, abs=0.002)
-    assert gait.mean("cadence_per_min") == pytest.approx(120.0 / STRIDE_S, rel=0.001)
-    # half of the stride, less the corrections for bodies whose knees bend
-    stance = 50.0 - 100.0 * (STRIKE_EARLY_S + OFF_LATE_S) / STRIDE_S
-    assert gait.mean("stance_percent") == pytest.approx(stance, abs=0.5)
-    assert gait.mean("step_width_m") == pytest.approx(0.16, abs=1e-6)
-    # the left step takes 1 - late of the stride, the right one late
-    asymmetry = 100.0 * (1.0 - 2.0 * late) / 0.5
-    assert gait.asymmetry_percent("step_time_s") == pytest.approx(asymmetry, abs=1.0)
 
 
 def by_hand():
@@ -103,6 +84,15 @@ def test_a_stride_with_a_missing_event_is_left_out():
     assert cycles(missed) == []
 
 
+def test_a_stride_that_differs_by_more_than_a_quarter_is_left_out():
+    _, _, ((left, right), (left_off, right_off)) = by_hand()
+    late = Events(
+        (np.append(left, [3.0, 4.4]), np.append(right, [2.4, 3.6])),
+        (np.append(left_off, [2.6, 3.8]), np.append(right_off, [3.2])),
+    )
+    assert [strike for side, strike, *_ in cycles(late) if side == 0] == [0.0, 1.0, 2.0]
+
+
 def test_a_summary_has_means_deviations_and_asymmetries_of_the_strides():
     t, joints, events = by_hand()
     rows = strides(t, joints, events)
@@ -149,27 +139,17 @@ def test_a_limp_is_found_in_its_steps_and_stances():
 
 
 def test_a_person_who_stands_does_not_walk():
-    _, joints = pendulum()
+    t, joints, _ = person()
     assert about_path(joints - joints[:, :1] * (1.0, 1.0, 0.0), RATE_HZ) is None
-    t, joints, _ = person(1.0, duration_s=3.5)
-    assert true_gait(t, joints) is None
+    assert true_gait(t[:20], joints[:20]) is None
 
 
 def test_a_person_who_walks_backwards_still_looks_ahead():
-    t, joints = pendulum(yaw=0.0)
+    _, joints, _ = person()
     walk = about_path(joints[::-1], RATE_HZ)
-    assert walk.forward == pytest.approx(np.tile((1.0, 0.0), (len(t), 1)), abs=1e-6)
+    # at the ends, the low-pass leaves some of the pelvis's sway
+    assert walk.forward == pytest.approx(np.tile((1.0, 0.0), (len(joints), 1)), abs=0.05)
     assert walk.placed(walk.joints) == pytest.approx(joints[::-1])
-
-
-def test_a_stride_that_differs_by_more_than_a_quarter_is_left_out():
-    _, _, events = by_hand()
-    (left, right), (left_off, right_off) = events
-    late = Events(
-        (np.append(left, [3.0, 4.4]), np.append(right, [2.4, 3.6])),
-        (np.append(left_off, [2.6, 3.8]), np.append(right_off, [3.2])),
-    )
-    assert [strike for side, strike, *_ in cycles(late) if side == 0] == [0.0, 1.0, 2.0]
 
 
 def drifting(joints, std):
