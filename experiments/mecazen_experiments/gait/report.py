@@ -23,7 +23,7 @@ from rich.table import Table
 from scipy.interpolate import CubicSpline
 
 from mecazen_experiments.gait.motion import MEASURED, angles
-from mecazen_experiments.gait.stages import RecordedWalk, Stage
+from mecazen_experiments.gait.stages import Stage
 from mecazen_experiments.gait.strides import OFF_LATE_S, PARAMETERS, STRIKE_EARLY_S, Events, Gait
 
 PERCENT = np.arange(101.0)
@@ -106,36 +106,39 @@ def variable_scores(curves: pd.DataFrame | None) -> dict[str, dict[str, float]]:
     return scores
 
 
-def report(walk: RecordedWalk, title: str) -> Iterator[RenderableType]:
-    """Yield the output of `mecazen gait`."""
-    yield f"[b]{title}, run {walk.run}, seed {walk.seed}[/]"
+def report(stages: Mapping[str, Stage], about: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Yield the output of `mecazen gait`, of what `read_walk` returns and the recording's name."""
+    yield "[b]{recording}, run {run}, seed {seed}[/]".format(**about)
+    reported = 1e2 * float(np.mean(~np.isnan(stages["raw"].joints[:, 0, 0])))
     yield (
-        f"Seen from: {walk.view} ({walk.bearing_deg:.0f}° from straight ahead), "
-        f"{walk.distance_m:.2f} m; a body in {walk.reported_percent:.0f} % of the frames"
+        f"Seen from: {about['view']} ({about['bearing_deg']:.0f}° from straight ahead), "
+        f"{about['distance_m']:.2f} m; a body in {reported:.0f} % of the frames"
     )
-    hidden = {name: share for name, share in walk.seen_percent.items() if share < HIDDEN_PERCENT}
+    hidden = {
+        name: share for name, share in about["seen_percent"].items() if share < HIDDEN_PERCENT
+    }
     listed = ", ".join(f"{name} {share:.0f} %" for name, share in hidden.items())
     yield f"Seen in less than {HIDDEN_PERCENT:g} % of the frames: {listed or 'no joint'}"
-    refined = walk.stages.get("refined")
+    refined = stages.get("refined")
     gait = None if refined is None else refined.gait
     if refined is None or gait is None:
         yield "No stride was found."
         return
     left, right = (spreads["speed_m_s"].strides for spreads in (gait.left, gait.right))
     yield f"Strides: {left} left, {right} right. * is farther than {FAR:g} SD from the norm."
-    yield _parameters(walk, gait)
+    yield _parameters(stages, gait)
     for side, scores in variable_scores(curves(refined)).items():
         listed = ", ".join(f"{joint} {scores[joint]:.1f}°" for joint in MEASURED)
         yield f"{side}: GVS {listed}; {GPS} {scores[GPS]:.1f}°"
     yield f"[dim]{NORM_NOTICE}[/]"
 
 
-def _parameters(walk: RecordedWalk, gait: Gait) -> Table:
+def _parameters(stages: Mapping[str, Stage], gait: Gait) -> Table:
     """Return the parameters of refined joints, with the deviations of filtered joints."""
     speed = gait.mean("speed_m_s")
     at = min(norm()["speeds"], key=lambda row: abs(row["speed_m_s"][0] - speed))
-    filtered = walk.stages["filtered"].gait
-    truth = walk.stages["truth"].gait if "truth" in walk.stages else None
+    filtered = stages["filtered"].gait
+    truth = stages["truth"].gait if "truth" in stages else None
     heads = ["left", "right", "asymmetry", "SD", *(["truth"] if truth else [])]
     table = Table("", *heads, f"norm, {at['name']}", title="Parameters")
     for name, (title, unit, scale, digits) in PARAMETERS.items():

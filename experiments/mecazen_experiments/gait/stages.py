@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -90,30 +90,17 @@ def seen_stages(seen: Motion) -> dict[str, Stage]:
     return stages
 
 
-class RecordedWalk(NamedTuple):
-    """The longest walk of a recorded run."""
-
-    stages: dict[str, Stage]
-    """`raw`, `filtered`, `refined` and, if it was recorded, `truth`."""
-    run: int
-    seed: int
-    bearing_deg: float
-    """Direction to the robot, relative to straight ahead of the person; positive to the left."""
-    distance_m: float
-    """Mean distance from the pelvis to the robot."""
-    seen_percent: dict[str, float]
-    """Share of the frames in which each joint is in view and not hidden."""
-    reported_percent: float
-    """Share of the frames with a body."""
-
-    @property
-    def view(self) -> str:
-        """The side of the person that the robot sees."""
-        return VIEWS[round(self.bearing_deg / 45.0) % len(VIEWS)]
-
-
-def read_walk(recording: Recording, run: int | None = None, robot: str = "") -> RecordedWalk:
+def read_walk(
+    recording: Recording, run: int | None = None, robot: str = ""
+) -> tuple[dict[str, Stage], dict[str, Any]]:
     """Return the longest walk of a run, by default of the last one.
+
+    Returns:
+        The stages `raw`, `filtered`, `refined` and, if it was recorded, `truth`; and information on
+        the walk: `view`, the side of the person that the robot sees; `run` and `seed`;
+        `bearing_deg`, the direction to the robot, relative to straight ahead of the person and
+        positive to the left; `distance_m`, the mean distance from the pelvis to the robot; and
+        `seen_percent`, the share of the frames in which each joint is in view and not hidden.
 
     Raises:
         RecordingError: There is no such run, or the data of the body tracker was not recorded.
@@ -138,17 +125,16 @@ def read_walk(recording: Recording, run: int | None = None, robot: str = "") -> 
     ahead_x, ahead_y = pelvis[-1] - pelvis[0]
     to_robot = np.stack((robots.x, robots.y), axis=-1)[seen.reported] - pelvis
     x, y = to_robot.mean(axis=0)
-    bearing = math.atan2(ahead_x * y - ahead_y * x, ahead_x * x + ahead_y * y)
+    bearing_deg = math.degrees(math.atan2(ahead_x * y - ahead_y * x, ahead_x * x + ahead_y * y))
     shares = (1e2 * (seen.confidence == SEEN).mean(axis=0)).tolist()
-    return RecordedWalk(
-        stages,
-        run,
-        seed,
-        math.degrees(bearing),
-        float(np.hypot(*to_robot.T).mean()),
-        dict(zip(JOINTS, shares, strict=True)),
-        1e2 * float(seen.reported.mean()),
-    )
+    return stages, {
+        "view": VIEWS[round(bearing_deg / 45.0) % len(VIEWS)],
+        "run": run,
+        "seed": seed,
+        "bearing_deg": bearing_deg,
+        "distance_m": float(np.hypot(*to_robot.T).mean()),
+        "seen_percent": dict(zip(JOINTS, shares, strict=True)),
+    }
 
 
 def _messages(
