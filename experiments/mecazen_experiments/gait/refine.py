@@ -1,20 +1,8 @@
-"""An estimator that refines the observed skeleton of a person who walks steadily.
+"""The estimator of docs/mocap.md: it refines the observed skeleton of a person who walks steadily.
 
-The estimator has four steps. Each uses general knowledge of bodies and gaits, and nothing of this
-simulator:
-
-1. Confusions of left and right are corrected (`unswapped`).
-2. Joints are low-passed (`smooth`), and the walker's path is found from them.
-3. Each joint's motion relative to that path becomes a Fourier series of the gait cycle (`cycle`):
-   motion that does not repeat in every stride is treated as the tracker's noise, as far as the
-   reported deviations allow. So differences between strides are mostly lost, but are preserved in
-   a precise capture.
-4. Each joint's constant error is removed (`biases`): bones keep their lengths, the
-   pelvis is between the hips, the trunk is straight, ankles are above the line from heel to ball,
-   feet come down to the floor, and knees do not bend backwards.
-
-The prior deviations below are round numbers: for those that were tested, half or twice the value
-changes no joint's mean error by more than 0.4 deg.
+It uses general knowledge of bodies and gaits, and nothing of this simulator. The prior deviations
+below are round numbers: for those that were tested, half or twice the value changes no joint's mean
+error by more than 0.4 deg.
 """
 
 from __future__ import annotations
@@ -121,7 +109,8 @@ def smooth(seen: Motion) -> Floats | None:
 def refine(seen: Motion, walk: WalkOnPath, mean: Cycle) -> Floats:
     """Return the refined joints (n, 20, 3) [m] of `seen`, in a level frame with the floor at 0.
 
-    `seen` has left and right corrected.
+    `seen` has left and right corrected. Motion that does not repeat in every stride is treated as
+    the tracker's noise, as far as the reported deviations allow.
     """
     phases = np.arange(PHASES) / PHASES * mean.stride_s
     bias = biases(mean.at(phases), np.median(seen.std[seen.reported], axis=0))
@@ -136,7 +125,9 @@ def biases(joints: Floats, std: Floats) -> Floats:
     """Return the constant error of each joint's position (20, 3) [m] over the gait cycle.
 
     The result is the most probable error, with a normal prior of the reported deviations std (20,)
-    [m]. `joints` (PHASES, 20, 3) [m] are those of the cycle.
+    [m]. `joints` (PHASES, 20, 3) [m] are those of the cycle. Bones keep their lengths, the pelvis
+    is between the hips, the trunk is straight, ankles are above the line from heel to ball, feet
+    come down to the floor, and knees do not bend backwards.
     """
     prior = np.maximum(std[FITTED, None], LEAST_STD_M)
     lengths = _lengths(joints).mean(axis=(0, 1))
