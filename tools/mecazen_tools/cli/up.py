@@ -269,8 +269,7 @@ def hints(scenario: Scenario) -> list[str]:
         f"{tool} sim pause   # also: resume, reset, step, speed",
     ]
     teleop = f"{tool} teleop{f' --robot {robot}' if robot else ''}"
-    if "follower" not in scenario.services:
-        lines.append(f"{teleop}   # drives the robot by keyboard or gamepad")
+    lines.append(f"{teleop}   # drives the robot by keyboard or gamepad")
     if isinstance(scenario.target.path, Driven):
         lines.append(f"{teleop} --person   # walks the person")
     if shutil.which("mecazen") is None:
