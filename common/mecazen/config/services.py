@@ -109,6 +109,8 @@ class LinearLimits(Section):
     max_deceleration_m_s2: Live[Limit | None] = None
     """Left out: equal to max_acceleration_m_s2."""
     max_jerk_m_s3: Limit = math.inf
+    min_velocity_m_s: Live[Annotated[float, msgspec.Meta(le=0.0)] | None] = None
+    """Fastest motion backwards, or to the right; left out: -max_velocity_m_s."""
 
 
 class AngularLimits(Section):
@@ -119,6 +121,8 @@ class AngularLimits(Section):
     max_deceleration_rad_s2: Live[Limit | None] = None
     """Left out: equal to max_acceleration_rad_s2."""
     max_jerk_rad_s3: Limit = math.inf
+    min_velocity_rad_s: Live[Annotated[float, msgspec.Meta(le=0.0)] | None] = None
+    """Fastest turn to the right; left out: -max_velocity_rad_s."""
 
 
 class AxisLimits(Section):
