@@ -22,8 +22,6 @@ from mecazen_tools.table import Floats, Table, deviations
 
 DEFAULT = "default"
 """Name of the follower that the scenario has without other settings."""
-LOST = ("lost", "searching")
-"""The states in which the robot no longer follows the prediction."""
 
 
 class FollowerRun(NamedTuple):
@@ -123,11 +121,10 @@ def _run(path: Path, settings: Mapping[str, Any], *, keep: bool) -> FollowerRun:
     scenario = load_scenario(path, settings)
     _, trajectory = simulate(scenario, path.stem)
     table, scores, contacts = Table.of(trajectory), trajectory.scores(), trajectory.contacts()
-    tracking = table.tracking[table.tracking != ""]
     values = (
         scores.d_err_m,
         scores.theta_err_deg,
-        100.0 * float(np.isin(tracking, LOST).mean()) if len(tracking) else None,
+        100.0 * sum(scores.lost.values()) if trajectory.tracking() else None,
         float(contacts.persons + contacts.obstacles),
     )
     measures = {name: x for name, x in zip(MEASURES, values, strict=True) if x is not None}

@@ -17,10 +17,8 @@ from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Standoff
 from mecazen.robots import join_key
 
-from mecazen_tools.comparison import MEASURES, Runs
 from mecazen_tools.drawing import COLUMN_IN, DASHES, ORANGE, PALETTE, STYLE, draw_arrows
 from mecazen_tools.losses import TrackingRow, lost_shares, sentence, spans
-from mecazen_tools.statistics import mean_interval
 from mecazen_tools.table import Table, deviations
 from mecazen_tools.trajectory import TWIST, Trajectory
 
@@ -29,8 +27,6 @@ ARROWS = 12
 LEGEND_COLUMNS = 7
 WANTED: dict[str, Any] = {"color": "black", "ls": DASHES, "lw": 0.7, "zorder": 3.0}
 WANTED["label"] = "wanted"
-DOTS: dict[str, Any] = {"markersize": 2.5, "alpha": 0.5, "markeredgewidth": 0.0}
-MEAN: dict[str, Any] = {"fmt": "_", "ms": 5.0, "capsize": 1.5, "lw": 0.7}
 OBSTACLE: dict[str, Any] = {"facecolor": "#cccccc", "edgecolor": "#888888", "linewidth": 0.3}
 SHADES: dict[str, dict[str, Any]] = {
     "coasting": {"facecolor": "#f5e6c0", "zorder": 0.0},
@@ -107,49 +103,6 @@ def draw(runs: Sequence[Course], scenario: Scenario, title: str) -> Figure:
         )
         figure.align_ylabels(panels)
         draw_legend(figure, above, panels[-1])
-    return figure
-
-
-def draw_comparison(runs: Runs, scenario: Scenario, title: str) -> Figure:
-    """Return the figure of compared followers.
-
-    It shows the paths of the first seed, the errors over time as means with the range of all seeds,
-    and the measures of all seeds with their means and 95 % intervals.
-    """
-    first = min(min(seeds) for seeds in runs.values())
-    tables = {name: seeds[first].table for name, seeds in runs.items()}
-    standoff = scenario.follower.standoff
-    with style.context(STYLE):
-        figure = Figure(figsize=(2.4 * COLUMN_IN, 1.1 * COLUMN_IN), layout="constrained")
-        axes_of = figure.subplot_mosaic("ABD;ACE", width_ratios=(1.2, 1.0, 0.7))
-        above, *panels = (axes_of[name] for name in "ABCDE")
-        distances, headings, *measures = panels
-        shown = [Course(name, table, standoff) for name, table in tables.items() if table]
-        draw_above(above, shown, scenario, title)
-        for place, (colour, seeds) in enumerate(zip(cycle(PALETTE), runs.values(), strict=False)):
-            errors = np.array([run.errors for run in seeds.values()])
-            distance, heading = errors[:, 0], np.degrees(errors[:, 1])
-            for axes, error in ((distances, distance), (headings, heading)):
-                t = np.arange(error.shape[1]) * scenario.sim.tick_s
-                axes.fill_between(t, error.min(0), error.max(0), color=colour, alpha=0.2, lw=0.0)
-                axes.plot(t, error.mean(0), color=colour, lw=0.7)
-            for axes, name in zip(measures, MEASURES, strict=False):
-                values = [run.measures[name] for run in seeds.values() if name in run.measures]
-                axes.plot([place] * len(values), values, "o", color=colour, **DOTS)
-                if values:
-                    mean = mean_interval(values)
-                    half = [[mean.high - mean.mean]] * 2
-                    axes.errorbar([place + 0.25], [mean.mean], half, **MEAN | {"color": colour})
-        for axes, name in zip(panels, (*ERRORS, *MEASURES), strict=False):
-            axes.set_ylabel(name)
-        for axes in (distances, headings):
-            axes.axhline(0.0, **WANTED)
-        for axes in measures:
-            axes.set(xlim=(-0.5, len(runs) - 0.25), ylim=(0.0, None), xticks=[])
-        distances.tick_params(labelbottom=False)
-        headings.set_xlabel("t [s]")
-        figure.align_ylabels(panels)
-        draw_legend(figure, above)
     return figure
 
 

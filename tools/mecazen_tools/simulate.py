@@ -35,16 +35,11 @@ PATIENCE_S = 0.25
 """Time to wait for a sample before checking whether all processes are alive [s]."""
 
 
-class Result(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The output of `mecazen simulate --json`."""
+class Summary(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What a run shows, whichever program drove: the output of `mecazen score --json`."""
 
-    scenario: str
     seed: int
-    ticks: int
     duration_s: float
-    wall_s: float
-    rtf: float
-    """Real-time factor: simulated over wall time, without the start."""
     d_err_m: float | None
     theta_err_deg: float | None
     """With several robots, both measures are means over the robots."""
@@ -52,11 +47,21 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
     """Number of contacts that begin with followed persons, and in the next with obstacles; with
     several robots, sums over the robots."""
     contacts_obstacles: int
-    trajectory_sha256: str
     lost: dict[str, float] = {}
     """Share of time in which the person was lost, by reason; with several robots of them all."""
     robots: dict[str, Scores] = {}
     """The measures of each of several robots, by its name."""
+
+
+class Result(Summary, frozen=True, kw_only=True, omit_defaults=True):
+    """The output of `mecazen simulate --json`."""
+
+    scenario: str
+    ticks: int
+    wall_s: float
+    rtf: float
+    """Real-time factor: simulated over wall time, without the start."""
+    trajectory_sha256: str
 
 
 class InterruptedRun(KeyboardInterrupt):
@@ -182,26 +187,33 @@ def _scored(
     return _result(name, trajectory, time.perf_counter() - begin), trajectory
 
 
-def _result(name: str, trajectory: Trajectory, wall_s: float) -> Result:
-    """Return the result of the finished ticks of a run."""
+def summary(trajectory: Trajectory) -> Summary:
+    """Return what the finished ticks of a run show."""
     scenario = trajectory.scenario
     scores = {robot: trajectory.scores(robot) for robot in scenario.names}
     contacts = [trajectory.contacts(robot) for robot in scenario.names]
-    duration_s = trajectory.done * scenario.sim.tick_ns / NS_PER_S
-    return Result(
-        scenario=name,
+    return Summary(
         seed=scenario.seed,
-        ticks=trajectory.done,
-        duration_s=duration_s,
-        wall_s=wall_s,
-        rtf=duration_s / wall_s,
+        duration_s=trajectory.done * scenario.sim.tick_ns / NS_PER_S,
         d_err_m=_mean(score.d_err_m for score in scores.values()),
         theta_err_deg=_mean(score.theta_err_deg for score in scores.values()),
         contacts_persons=sum(counts.persons for counts in contacts),
         contacts_obstacles=sum(counts.obstacles for counts in contacts),
-        trajectory_sha256=trajectory.sha256(),
         lost=lost_shares([row for robot in scenario.names for row in trajectory.tracking(robot)]),
         robots=scores if scenario.robots else {},
+    )
+
+
+def _result(name: str, trajectory: Trajectory, wall_s: float) -> Result:
+    """Return the result of the finished ticks of a run."""
+    shown = summary(trajectory)
+    return Result(
+        **{field: getattr(shown, field) for field in shown.__struct_fields__},
+        scenario=name,
+        ticks=trajectory.done,
+        wall_s=wall_s,
+        rtf=shown.duration_s / wall_s,
+        trajectory_sha256=trajectory.sha256(),
     )
 
 

@@ -33,6 +33,7 @@ EXTRAS = {
         "record": "mecazen_tools.cli.recording:record",
         "replay": "mecazen_tools.cli.recording:replay",
         "info": "mecazen_tools.cli.recording:info",
+        "score": "mecazen_tools.cli.recording:score",
         "plot": "mecazen_tools.cli.recording:plot",
     },
     "viewer": {"view": "mecazen_tools.cli.view:view"},

@@ -75,10 +75,10 @@ def compare(
     else:
         _print(result, comparison.MEASURES)
     if output is not None:
-        from mecazen_tools import run_figure  # noqa: PLC0415  # Matplotlib is an extra, and slow
+        from mecazen_tools import comparison_figure  # noqa: PLC0415  # Matplotlib is an extra
 
         loaded = load_scenario(path, candidates[result.reference])
-        drawing.save(run_figure.draw_comparison(runs, loaded, path.stem), output, "-o")
+        drawing.save(comparison_figure.draw(runs, loaded, path.stem), output, "-o")
         if not as_json:
             typer.echo(f"picture: {output}")
 

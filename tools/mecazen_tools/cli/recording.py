@@ -1,4 +1,4 @@
-"""`mecazen record`, `mecazen replay`, `mecazen info` and `mecazen plot`.
+"""`mecazen record`, `mecazen replay`, `mecazen info`, `mecazen score` and `mecazen plot`.
 
 Libraries are imported when a command runs, so that `mecazen --help` stays fast.
 """
@@ -26,6 +26,8 @@ from rich.text import Text
 
 from mecazen_tools import drawing
 from mecazen_tools.cli.options import tool_bus
+from mecazen_tools.cli.simulate import print_scores
+from mecazen_tools.simulate import summary
 from mecazen_tools.strays import OPEN, mistake
 
 if TYPE_CHECKING:
@@ -239,6 +241,26 @@ def info(
             typer.echo(printable(f"  {name or 'robot'}: {sentence(shares)}"))
         for change in run.changes:
             typer.echo(printable(f"  changed at {change}"))
+
+
+def score(
+    files: RecordingFiles,
+    run: RunNumber = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+) -> None:
+    """Score recorded runs as mecazen simulate does, whichever program drove.
+
+    The recording needs the true poses, ground_truth/odom and target/odom. The standoff is that of
+    its configuration.
+
+    Examples: mecazen score run.mcap · mecazen score first.mcap second.mcap --json
+    """
+    scores = {name: summary(trajectory) for name, trajectory in _read(files, run).items()}
+    if as_json:
+        typer.echo(msgspec.json.format(msgspec.json.encode(scores)).decode())
+        return
+    for name, shown in scores.items():
+        print_scores(shown, "recording", name)
 
 
 def plot(

@@ -17,13 +17,14 @@ from mecazen.loading import scenario_path
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from rich.text import Text
 from typer import Option
 
 from mecazen_tools import INTERRUPTED, drawing, files
 from mecazen_tools import simulate as runs
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load, warn
 from mecazen_tools.losses import sentence
-from mecazen_tools.simulate import InterruptedRun, Result
+from mecazen_tools.simulate import InterruptedRun, Result, Summary
 from mecazen_tools.trajectory import Scores, Trajectory
 
 RECORDER = "recorder"
@@ -138,7 +139,8 @@ def _run(
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(result)).decode())
     else:
-        _print_scores(result)
+        print_scores(result, "real-time factor", f"{result.rtf:.1f}")
+        typer.echo(f"trajectory: sha256 {result.trajectory_sha256}")
     if trajectory is not None:
         files.write(trajectory, run.csv(), "--trajectory")
         notes.append(f"every tick: {trajectory}")
@@ -178,9 +180,10 @@ def progress(description: str, total: int) -> Iterator[Callable[[int], None]]:
         yield lambda done: bar.update(task, completed=done)
 
 
-def _print_scores(result: Result) -> None:
-    table = Table("simulated", "real-time factor", "distance error", "heading error")
-    table.add_row(f"{result.duration_s:g} s", f"{result.rtf:.1f}", *measures(result))
+def print_scores(result: Summary, column: str, cell: str) -> None:
+    """Print what a run shows, with a column of its own after the duration."""
+    table = Table("simulated", column, "distance error", "heading error")
+    table.add_row(f"{result.duration_s:g} s", Text(cell), *measures(result))
     for name, scores in result.robots.items():
         table.add_row(name, "", *measures(scores))
     console(80).print(table)
@@ -192,10 +195,9 @@ def _print_scores(result: Result) -> None:
         f"contacts: {result.contacts_persons} with followed persons, "
         f"{result.contacts_obstacles} with obstacles"
     )
-    typer.echo(f"trajectory: sha256 {result.trajectory_sha256}")
 
 
-def measures(scores: Result | Scores) -> tuple[str, str]:
+def measures(scores: Summary | Scores) -> tuple[str, str]:
     """Return the errors of following as text; a run without a person has none."""
     return (
         "-" if scores.d_err_m is None else f"{scores.d_err_m:.4f} m",
