@@ -11,12 +11,15 @@ import pytest
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.geometry import Pose2D
 from mecazen_experiments.expansion import expand
-from mecazen_experiments.followbench.entrants import entrant
 from mecazen_experiments.followbench.episodes import SAMPLE, Box, Walk, episode_lengths, read
-from mecazen_experiments.followbench.metrics import metrics
 from mecazen_experiments.followbench.people import Grid, People, orca
-from mecazen_experiments.followbench.play import Record, Seen, play
-from mecazen_experiments.followbench.program import followbench, followbench_rules, scenario_of
+from mecazen_experiments.followbench.play import Record, metrics, play
+from mecazen_experiments.followbench.program import (
+    entrant,
+    followbench,
+    followbench_rules,
+    scenario_of,
+)
 from mecazen_experiments.followbench.robot import (
     ANGLES,
     BEAMS,
@@ -37,7 +40,6 @@ NOBODY, NO_BOX = np.empty((0, 2)), np.empty((0, 5))
 SIZE = (30.0, 30.0)
 WALL = np.array([[3.0, 0.0, 0.0, 0.2, 4.0]])
 """A wall across, 2.9 m ahead; beams pass by its ends."""
-WALKER = Seen(10.0, 5.0, 1.0, 0.0)
 PARALLEL = {
     "tvr": 100.0,
     "tin_tperson": 5.555555555555555,

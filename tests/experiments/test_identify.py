@@ -31,8 +31,7 @@ from mecazen_experiments.identify.motors import (
     identify_motors,
     response,
 )
-from mecazen_experiments.identify.simulate import identified_robot, simulated
-from mecazen_experiments.identify.validate import split
+from mecazen_experiments.identify.validate import identified_robot, simulated, split
 from mecazen_experiments.identify.windows import (
     TURNS,
     check_wheels,

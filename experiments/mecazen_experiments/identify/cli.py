@@ -50,21 +50,19 @@ def identify(
     # every start of `mecazen` imports this module
     from mecazen_tools import files  # noqa: PLC0415
 
-    from mecazen_experiments.identify import data, report  # noqa: PLC0415
-    from mecazen_experiments.identify import identification as kinematics  # noqa: PLC0415
-    from mecazen_experiments.identify.simulate import identified_robot  # noqa: PLC0415
-    from mecazen_experiments.identify.validate import validate as validated  # noqa: PLC0415
+    from mecazen_experiments.identify import data, identification, report  # noqa: PLC0415
+    from mecazen_experiments.identify import validate as validation  # noqa: PLC0415
 
     base = load_table(given_file(robot, "robot"), Robot)
     runs, logs = data.read(sources)
     files.make_folder(out, "--out")
     if validate:
-        result, changed, drifts = validated(base, runs)
+        result, changed, drifts = validation.validate(base, runs)
         lines = [*report.validation_lines(result, drifts)]
         typer.echo("\n".join(lines))
     else:
-        result = kinematics.identify(base, runs, logs)
-        changed = identified_robot(base, result, runs[0])
+        result = identification.identify(base, runs, logs)
+        changed = validation.identified_robot(base, result, runs[0])
         lines = [*report.identification_lines(result)]
         gain = report.interval(result.parameters[-1]["lateral_gain"], ".4f")
         typer.echo(f"lateral gain: {gain}, nearest to that of {result.rollers} rollers")
