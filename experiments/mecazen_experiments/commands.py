@@ -208,4 +208,4 @@ def _session(options: RunOptions) -> Iterator[tuple[Store, Workers, Progress]]:
 def _workers(options: RunOptions) -> AbstractContextManager[Workers]:
     if options.cluster is not None:
         return cluster_workers(options.cluster)
-    return nullcontext(local_workers(options.jobs or -1))
+    return nullcontext(local_workers(options.jobs))

@@ -136,7 +136,7 @@ def _jobs(
 ) -> Iterator[Job]:
     """Yield a job for each file and seed."""
     program = study.program
-    code = version(PROGRAMS[program].__module__)
+    code = version(PROGRAMS[program])
     choices = {name: value for name, value in labels.items() if name not in case.labels}
     for file, changed, content in _variants(case.scenario, settings, files):
         for seed in seeds:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import repeat
 
 import msgspec
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
 from mecazen.config import PhysicsConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
@@ -18,6 +18,7 @@ from mecazen_physics.simulation import Simulation
 
 from mecazen_experiments.identify.data import Array, Run
 from mecazen_experiments.identify.windows import TURNS, shifted
+from mecazen_experiments.runs import CORES, processes
 from mecazen_experiments.statistics import Interval
 
 ROLLER_SHARE = 0.3
@@ -46,8 +47,8 @@ def simulated(robot: Robot, run: Run) -> Array:
 
 def all_simulated(robot: Robot, runs: Sequence[Run]) -> list[Array]:
     """Return the poses of each run, simulated on all cores."""
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        return list(Parallel(n_jobs=-1)(delayed(simulated)(robot, run) for run in runs))
+    with processes(min(CORES, len(runs))) as pool:
+        return list(pool.map(simulated, repeat(robot), runs))
 
 
 def mounted(poses: Array, mounting: Array) -> Array:
