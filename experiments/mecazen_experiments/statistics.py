@@ -1,9 +1,9 @@
-"""Confidence intervals of means, of shares of successes, and of differences paired by seed."""
+"""Confidence intervals of means, of shares of successes, and of statistics of several units."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from statistics import fmean, stdev
 from typing import TypeVar
 
@@ -12,8 +12,6 @@ import numpy as np
 from scipy.stats import binomtest, chi2, t
 
 T = TypeVar("T")
-Key = TypeVar("Key", int, str)
-"""The key of a pair of runs: a seed, or the name of an episode."""
 LEAST_UNITS = 10
 """Minimum number of independent values for a verdict on a limit."""
 
@@ -91,17 +89,3 @@ def most_per_hour(events: float, hours: float) -> float:
     without events.
     """
     return float(chi2.ppf(0.95, 2.0 * (events + 1.0))) / 2.0 / hours
-
-
-def paired_ratio(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval | None:
-    """Return the mean of b / a over the keys that both have; None without such keys."""
-    keys = sorted(a.keys() & b.keys())
-    return mean_interval([b[key] / a[key] for key in keys]) if keys else None
-
-
-def paired_difference(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval:
-    """Return the mean of b - a, over the seeds or episodes that both have.
-
-    Common effects of a seed, such as its noise, cancel in the difference.
-    """
-    return mean_interval([b[key] - a[key] for key in sorted(a.keys() & b.keys())])

@@ -30,7 +30,7 @@ from mecazen_experiments.followbench.social import (
     Social,
     place,
 )
-from mecazen_experiments.study import load_study, study_path
+from mecazen_experiments.study import load_study
 
 OPEN = read(SAMPLE / "dynamic" / "NormalParallelOrcaH5W0_back_2.yaml")
 CORRIDOR = read(SAMPLE / "layout" / "CorridorOrcaH4W5.6_back_1.yaml")
@@ -413,7 +413,7 @@ def test_the_planner_of_the_documents_follows_the_target(tmp_path):
 
 def jobs(name, *settings, seeds=(1,), file="uTurn_back_1"):
     """Return the jobs of a study for an episode."""
-    study = load_study(study_path(name))
+    study = load_study(name)
     files = sorted(SAMPLE.rglob(f"{file}.yaml"))
     return expand(study, seeds, tuple(settings), files=files)
 

@@ -37,7 +37,7 @@ def store(tmp_path):
 
 def jobs(*seeds):
     labels = {"case": "row"}
-    return [Job("p", labels, labels, seed, None, None, (), f"key {seed}", "") for seed in seeds]
+    return [Job("p", labels, "row", seed, None, None, (), f"key {seed}", "") for seed in seeds]
 
 
 def test_what_is_stored_or_shared_by_two_rows_is_done_once(store, done):

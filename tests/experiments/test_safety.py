@@ -18,10 +18,8 @@ from mecazen_experiments.expansion import Job, expand
 from mecazen_experiments.fuzz import Options, Rider, freeze, fuzz, room
 from mecazen_experiments.gaps import gap_to_obstacle, gap_to_person
 from mecazen_experiments.safety import measure
-from mecazen_experiments.sampler import DIRECTIONS, SPEEDS_M_S, TURNS_RAD_S, twists
-from mecazen_experiments.study import chosen, load_study, study_path
+from mecazen_experiments.study import load_study
 from mecazen_experiments.tables import make_tables
-from mecazen_follower.planner.mppi import STEPS
 from mecazen_tools.observe import PersonOverTime, Watched, collect
 from mecazen_tools.simulation import Simulation
 from mecazen_tools.table import Poses
@@ -159,8 +157,8 @@ def test_three_frames_of_four_show_the_person():
 
 @pytest.mark.parametrize(("name", "rows"), [("safety", 12 * 4), ("unpromised", 3 * 2)])
 def test_each_situation_can_be_loaded_and_shown(name, rows):
-    study = chosen(load_study(study_path(name)), ["driver=guard"])
-    jobs = expand(study, [1])
+    study = load_study(name)
+    jobs = expand(study, [1], only=["driver=guard"])
     assert len(jobs) == rows
     scores = measured(STANDS, COMES)
     text = frame.to_csv(jobs, {job.key: scores for job in jobs})
@@ -172,7 +170,7 @@ def test_each_situation_can_be_loaded_and_shown(name, rows):
 def test_all_drivers_and_views_meet_the_same_values_of_a_seed():
     only = ["case=door", "driver=guard", "driver=planner"]
     paths: dict[tuple[object, object], list[object]] = {}
-    for job in expand(chosen(load_study(study_path("safety")), only), [1, 2]):
+    for job in expand(load_study("safety"), [1, 2], only=only):
         walks = paths.setdefault((job.labels["driver"], job.labels["view"]), [])
         walks.append(job.load().target.path)
     assert len(paths) == 8
@@ -181,20 +179,11 @@ def test_all_drivers_and_views_meet_the_same_values_of_a_seed():
     assert first != second
 
 
-def test_each_twist_of_the_sampler_lasts_for_the_horizon():
-    commands = twists()
-    assert commands.shape == (STEPS, 3, len(SPEEDS_M_S) * DIRECTIONS * len(TURNS_RAD_S))
-    assert (commands == commands[0]).all()
-    x, y, turn = commands[0]
-    assert np.unique(np.hypot(x, y).round(4)) == pytest.approx(SPEEDS_M_S)
-    assert np.unique(turn) == pytest.approx(TURNS_RAD_S)
-
-
 # --- by chance -----------------------------------------------------------------------------------
 
 
 def minute(seed, *settings):
-    return fuzz(Job("fuzz", {}, {}, seed, None, None, settings, "", ""))
+    return fuzz(Job("fuzz", {}, "", seed, None, None, settings, "", ""))
 
 
 @pytest.mark.parametrize("world", ["", "programs={}"], ids=["plane", "rollers"])
@@ -254,9 +243,9 @@ def test_a_wrong_option_is_reported_in_one_line(setting, words):
 
 
 def test_contacts_by_speed_are_a_table():
-    study = load_study(study_path("fuzz"))
+    study = load_study("fuzz")
     jobs = expand(study, [1, 2])
-    names = {name for table in study.tables for _, name, *_ in table.columns} | {"time_s"}
+    names = {column.name for table in study.tables for column in table.columns} | {"time_s"}
     scores = dict.fromkeys(names, 1.0)
     text = frame.to_csv(jobs, {job.key: scores for job in jobs})
     (table,) = make_tables(study, frame.read(study, text))
