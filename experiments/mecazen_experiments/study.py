@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+from mecazen.errors import ConfigError
 from mecazen.explain import suggestion
+from mecazen.files import read_toml
 from mecazen.loading import given_file, load_table, named_file
 from mecazen.schema import Finite, Positive, Section
 
@@ -119,6 +121,8 @@ class Study(Section):
     """Cases, each run for each combination of grid and sweep, once for each seed."""
 
     cases: Annotated[tuple[Case, ...], msgspec.Meta(min_length=1)]
+    extends: str = ""
+    """File of another study, relative to this one, whose keys this one has unless it sets them."""
     program: Name = "following"
     """The program of a run, a name in `programs.PROGRAMS`."""
     seeds: Runs = 30
@@ -138,8 +142,7 @@ class Study(Section):
     sweep: dict[Name, tuple[Label, ...]] = msgspec.field(default_factory=dict)
     """Settings with several values each."""
     files: str = ""
-    """A pattern relative to the study's file: each matching file makes its own runs, and is the
-    `file` of their jobs."""
+    """A pattern relative to the study's file; each matching file is the `file` of its own jobs."""
     derive: dict[Name, str] = msgspec.field(default_factory=dict)
     """Further columns of the frame, as expressions of the others."""
     tables: tuple[StudyTable, ...] = msgspec.field(name="table", default=())
@@ -186,22 +189,31 @@ def load_study(name: str) -> Study:
         ConfigError: One line with the file, the key and the allowed values.
     """
     path = given_file(name, "experiment")
-
-    def prepare(raw: dict[str, Any]) -> None:
-        cases = raw.get("cases")
-        for table in (raw, *(cases if isinstance(cases, list) else ())):
-            scenario = table.get("scenario") if isinstance(table, dict) else None
-            if isinstance(scenario, str) and re.fullmatch(r"[\w-]+", scenario):
-                file = named_file(scenario, "scenario", f"{path}: ")
-                table["scenario"] = str(file.resolve())
-
-    study = load_table(path, Study, prepare)
+    study = load_table(path, Study, lambda raw: _locate(raw, path))
     cases = (
         case if case.scenario else msgspec.structs.replace(case, scenario=study.scenario)
         for case in study.cases
     )
-    files = study.files and str(path.parent.resolve() / study.files)
-    return msgspec.structs.replace(study, cases=tuple(cases), files=files)
+    return msgspec.structs.replace(study, cases=tuple(cases))
+
+
+def _locate(raw: dict[str, Any], path: Path, depth: int = 0) -> None:
+    """Make the paths of a study absolute, and add the keys of the study that it extends."""
+    cases = raw.get("cases")
+    for table in (raw, *(cases if isinstance(cases, list) else ())):
+        scenario = table.get("scenario") if isinstance(table, dict) else None
+        if isinstance(scenario, str):
+            is_name = re.fullmatch(r"[\w-]+", scenario)
+            file = named_file(scenario, "scenario", f"{path}: ") if is_name else None
+            table["scenario"] = str((file or path.parent / scenario).resolve())
+    if isinstance(files := raw.get("files"), str):
+        raw["files"] = str(path.parent.resolve() / files)
+    if isinstance(name := raw.get("extends"), str):
+        if depth:
+            raise ConfigError(f"{path}: extends: a study that is extended can't extend another")
+        base = read_toml(path.parent / name)
+        _locate(base, path.parent / name, depth + 1)
+        raw |= base | raw
 
 
 def check_known(

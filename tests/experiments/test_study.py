@@ -91,6 +91,16 @@ def test_options_replace_what_the_study_has(tmp_path):
     assert {job.seed for job in jobs} == {7}
 
 
+def test_a_study_has_the_keys_of_the_study_that_it_extends(tmp_path):
+    load(tmp_path)
+    file = tmp_path / "mine.toml"
+    file.write_text('extends = "study.toml"\nseeds = 1\n[grid.view]\nleft = []')
+    study = load_study(str(file))
+    assert [case.name for case in study.cases] == ["slow", "drawn"]
+    assert study.seeds == 1
+    assert list(study.grid["view"]) == ["left"]
+
+
 WRONG = [
     ('scenario = "back"', 'scenario = "bcak"', "bcak: no such scenario; did you mean back?"),
     ("seeds = 2", "seeds = 0", "seeds: got 0; allowed: a whole number >= 1"),
