@@ -1,7 +1,8 @@
 """A search by Optuna for how people walk: the modes of the follower's filter, docs/following.md.
 
 It maximises the likelihood of what three sensors see of random walkers, and of the recorded walks
-for choosing in a folder. Trials are kept in choose.sqlite, and a second call continues.
+for choosing in a folder. Trials are kept in choose.sqlite, and a second call continues; choose.csv
+has all of them, as results/choose.csv those of one search.
 Run from the repository: python examples/choose.py [FOLDER]
 """
 
@@ -83,7 +84,9 @@ if __name__ == "__main__":
     if not search.trials:  # the present constants come first
         names = [f"{n} {name}" for n, mode in enumerate(MODES) for name in mode._fields]
         search.enqueue_trial(dict.fromkeys(names, 1.0), skip_if_exists=True)
-    search.optimize(lambda trial: likelihood(changed(trial), runs), n_trials=50)
+    search.optimize(lambda trial: likelihood(changed(trial), runs), n_trials=150)
+    trials = search.trials_dataframe(attrs=("number", "value", "params"))
+    trials.to_csv("choose.csv", index=False, float_format="%.6g")
     check = [frames for n in CHECKING for frames in seen(Wander(number=n), n)]
     best = changed(optuna.trial.FixedTrial(search.best_params))
     print(f"best {search.best_value:.4f}; of walkers for checking {likelihood(best, check):.4f},")

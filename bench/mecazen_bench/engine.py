@@ -12,7 +12,7 @@ import numpy as np
 from mecazen.geometry import Twist2D
 from mecazen.portable import legendre, tan
 from mecazen.robot import WHEELS, Robot
-from mecazen.rollers import Roller
+from mecazen.rollers import Roller, lateral_gain
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
 
 RIM_SPEED = 0.3
@@ -90,9 +90,10 @@ def measure_accuracy(engine: Engine) -> Accuracy:
     forward, ideal_forward = _steady(engine, FORWARD)
     energy = _coast(engine)
     lateral, ideal_lateral = _steady(engine, LATERAL)
+    gain = lateral_gain(engine.robot.rollers.count)
     return Accuracy(
         forward=math.hypot(*forward[:2]) / ideal_forward.x,
-        lateral=math.hypot(*lateral[:2]) / ideal_lateral.y / lateral_gain(engine.robot),
+        lateral=math.hypot(*lateral[:2]) / ideal_lateral.y / gain,
         yaw=yaw[2] / ideal_yaw.yaw / yaw_gain(engine.robot),
         energy=energy,
     )
@@ -163,23 +164,6 @@ def _reach(engine: Engine, direction: Sequence[float]) -> None:
 
 def _speeds(robot: Robot, direction: Sequence[float]) -> list[float]:
     return [part * RIM_SPEED / robot.wheels.radius_m for part in direction]
-
-
-def lateral_gain(robot: Robot) -> float:
-    """Return the mean of v_y over its ideal value for pure lateral motion without slip.
-
-    A roller resists only along its axis, so the wheel's contact point has no velocity along the
-    horizontal part of that axis. When the wheel has turned its roller by θ from the bottom, the
-    axis (±sin γ, cos γ, 0) has become (±sin γ·cos θ, cos γ, ∓sin γ·sin θ), so its effective angle
-    has tan γ' = tan γ·cos θ and
-
-        (v_x - ω·R)·tan γ·cos θ ± v_y = 0.
-
-    The ideal equations have θ = 0. With v_x = 0 the gain is cos θ: it is 1 in a roller's
-    middle, and its mean over the arc |θ| ≤ α = π/N is sin(α)/α.
-    """
-    arc = Roller.from_robot(robot).half_arc
-    return float(np.sin(arc) / arc)
 
 
 def yaw_gain(robot: Robot) -> float:

@@ -31,13 +31,15 @@ def between(frame: Pose2D, xy: Floats) -> Floats:
     return rotate(xy - frame[:2], -frame.yaw)
 
 
-def to_rectangle(ahead: npt.ArrayLike, beside: npt.ArrayLike, half: tuple[float, float]) -> Floats:
+def to_rectangle(
+    ahead: npt.ArrayLike, beside: npt.ArrayLike, half: tuple[npt.ArrayLike, npt.ArrayLike]
+) -> Floats:
     """Return the distances of points from a rectangle [m]; inside, they are negative.
 
     Args:
         ahead: Coordinates along the length, from the middle of the rectangle [m].
         beside: The same along the width [m].
-        half: Half the length and half the width of the rectangle [m].
+        half: Half the length and half the width of the rectangle, or of each of n [m].
     """
     x, y = np.abs(ahead) - half[0], np.abs(beside) - half[1]
     inside = np.minimum(np.maximum(x, y), 0.0)

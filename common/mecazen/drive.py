@@ -31,20 +31,27 @@ Array = npt.NDArray[Any]
 class Limits:
     """Limits of one axis [m or rad per s, s² and s³]; infinite: no limit.
 
-    Acceleration is a growing speed, deceleration a falling one, in either direction.
+    Acceleration is a growing speed, deceleration a falling one, in either direction. The lowest
+    velocity is the opposite of the highest, unless `min_velocity` is given.
     """
 
     velocity: float = math.inf
     acceleration: float = math.inf
     deceleration: float = math.inf
     jerk: float = math.inf
+    min_velocity: float | None = None
+
+    @property
+    def lowest(self) -> float:
+        """The lowest velocity, at most 0."""
+        return -self.velocity if self.min_velocity is None else self.min_velocity
 
     def reach(self, velocity: float, dt: float) -> tuple[float, float]:
         """Return the lowest and the highest velocity after `dt` [s], without the jerk limit."""
         up, down = self.acceleration * dt, self.deceleration * dt
         low = velocity - up if velocity <= 0.0 else -_turned(-velocity, up, down)
         high = velocity + up if velocity >= 0.0 else _turned(velocity, up, down)
-        return max(low, -self.velocity), min(high, self.velocity)
+        return max(low, self.lowest), min(high, self.velocity)
 
 
 def _turned(velocity: float, up: float, down: float) -> float:
@@ -61,8 +68,8 @@ def axis_limits(limits: AxisLimits) -> tuple[Limits, Limits, Limits]:
     """Return the limits of x, y and yaw as numbers."""
 
     def numbers(axis: LinearLimits | AngularLimits) -> Limits:
-        velocity, acceleration, deceleration, jerk = msgspec.structs.astuple(axis)
-        return Limits(velocity, acceleration, deceleration or acceleration, jerk)
+        velocity, acceleration, deceleration, jerk, lowest = msgspec.structs.astuple(axis)
+        return Limits(velocity, acceleration, deceleration or acceleration, jerk, lowest)
 
     return numbers(limits.x), numbers(limits.y), numbers(limits.yaw)
 
@@ -95,7 +102,7 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
     limit changes at that tick, so the way to rest never uses the limit of acceleration.
     """
     velocity, acceleration = state
-    aim = min(max(reference, -limits.velocity), limits.velocity)
+    aim = min(max(reference, limits.lowest), limits.velocity)
     reverses = velocity < 0.0 < aim or aim < 0.0 < velocity
     if reverses and limits.acceleration != limits.deceleration:
         aim = 0.0
@@ -186,7 +193,7 @@ class Drive(NamedTuple):
         """
         if self.rims(wanted) > self.rim_speed:
             goal = (
-                min(max(v, -axis.velocity), axis.velocity)
+                min(max(v, axis.lowest), axis.velocity)
                 for v, axis in zip(wanted, self.axes, strict=True)
             )
             wanted = self.slowed(Twist2D(*goal))
@@ -259,7 +266,7 @@ class MotionLimits:
             self._down = self._up
         self._twice_up, self._twice_down = 2.0 * self._up, 2.0 * self._down
         self._fastest = repeated(*(axis.velocity for axis in drive.axes))
-        self._slowest = -self._fastest
+        self._lowest = repeated(*(axis.lowest for axis in drive.axes))
         self._gains = repeated(1.0, drive.sideways, drive.lever)
         self._rim_speed, self._max_speed = min(drive.rim_speed, UNLIMITED), max_speed
         self._is_slower = drive.is_slower(max_speed)
@@ -269,7 +276,7 @@ class MotionLimits:
         """Return the twist (3, n) after a step from `twist` towards `wanted`."""
         low, high = bounds(twist, self._up, self._down)
         reached: Array = np.minimum(np.maximum(wanted, low), high)
-        reached = np.minimum(np.maximum(reached, self._slowest), self._fastest)
+        reached = np.minimum(np.maximum(reached, self._lowest), self._fastest)
         slow_down(reached, self._gains, self._rim_speed)
         if self._is_slower:
             return reached

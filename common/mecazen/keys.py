@@ -36,6 +36,8 @@ class Topic(Generic[MessageT]):
     """Maximum size of a payload [bytes]; longer samples are refused unread."""
     robot: str = ""
     """Robot whose namespace the key is in; empty if it is in none."""
+    by_hand: bool = False
+    """Whether it has only the samples without a stamp: those of programs that are no nodes."""
 
     @property
     def name(self) -> str:
@@ -116,6 +118,8 @@ RELEASE_MOTORS = Call(
 
 TOPICS: tuple[Topic[m.Message], ...] = tuple(v for v in vars().values() if type(v) is Topic)
 """All topics, in the order of this file."""
+HAND_CMD_VEL = replace(CMD_VEL, by_hand=True)
+"""The samples of `cmd_vel` that come from programs outside the scenario."""
 CALLS: tuple[Call[m.Message, m.Message], ...] = tuple(v for v in vars().values() if type(v) is Call)
 """All calls, in the order of this file."""
 
@@ -126,6 +130,18 @@ def of_robot(topic: Topic[MessageT], robot: str) -> Topic[MessageT]:
     if not robot or topic.shared:
         return topic
     return replace(topic, key=f"{robot}/{topic.key}", robot=robot)
+
+
+@cache
+def command_topic(key: str) -> Topic[m.Twist]:
+    """Return the topic of a source of commands in `controller.commands`."""
+    return HAND_CMD_VEL if key == CMD_VEL.key else replace(CMD_VEL, key=key)
+
+
+@cache
+def lock_topic(key: str) -> Topic[m.Bool]:
+    """Return the topic of a lock in `controller.commands`."""
+    return Topic(key, m.Bool, "true: commands of no higher priority are ignored", open=True)
 
 
 @cache

@@ -78,7 +78,12 @@ class Slot:
 
     def give(self, message: Message, tick: int) -> None:
         """Store a message without a stamp, with the tick in which it arrived."""
-        self.message, self.is_fresh, self.due, self.newest = message, True, None, tick
+        self.message, self.is_fresh, self.due = message, True, None
+        self.note(tick)
+
+    def note(self, tick: int) -> None:
+        """Count a message that arrived in a tick."""
+        self.newest = tick
         self.count += 1
 
     def receive(self, message: Message | None, stamp: Stamp, tick: int) -> None:
@@ -152,7 +157,8 @@ class Turn:
             for name in ("",) if i.topic.shared or i.topic is CLOCK else names:
                 slot = Slot(known(i.topic, name), of_robot(i.topic, name), i, i.rule)
                 slot.period = period(i.topic)
-                if i.rule == "latest" and is_lockstep and graph.giver(i.topic.key) is not None:
+                has_giver = not i.topic.by_hand and graph.giver(i.topic.key) is not None
+                if i.rule == "latest" and is_lockstep and has_giver:
                     slot.rule = "due"  # so that results do not depend on the order of arrival
                 self.slots.append(slot)
         self.outputs: dict[Topic[Any], Output] = {}
@@ -319,7 +325,7 @@ def turns_of(scenario: Scenario, graph: Graph) -> tuple[Turn, ...]:
     order: TopologicalSorter[Turn] = TopologicalSorter(dict.fromkeys(turns, ()))
     for turn in turns:
         for slot in turn.slots:
-            slot.giver = givers.get(slot.on_bus.key)
+            slot.giver = None if slot.topic.by_hand else givers.get(slot.on_bus.key)
             if slot.giver is None:
                 if slot.rule == "due":
                     slot.rule = "latest"  # nothing waits for a topic that no node publishes

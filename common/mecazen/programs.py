@@ -6,7 +6,7 @@ import difflib
 import importlib
 import importlib.util
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -14,17 +14,21 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from mecazen.commands import topics
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, explained, is_installed
 from mecazen.graph import NODES, SERVICES, Graph, rows, services
 from mecazen.keys import CALLS, CMD_VEL, GUARD_CMD_VEL, JOINT_COMMAND, ODOM, TOPICS, Call, Topic
 from mecazen.loop import turns_of
 from mecazen.node import Node
-from mecazen.row import Row
+from mecazen.row import Row, due, latest
 from mecazen.runtime.observer import Observer
 from mecazen.schema import Section
 
 Kind = type[Node] | type[Observer]
+
+CHOOSE = ("guard", "controller")
+"""Nodes that choose among commands."""
 
 
 def find(name: str, programs: Mapping[str, str]) -> Kind:
@@ -135,9 +139,10 @@ def graph_of(scenario: Scenario, kinds: Mapping[str, Kind] | None = None) -> Gra
         ConfigError: A node is unknown, publishes a topic of another node, or does not publish a
             topic that others wait for.
     """
+    by_hand = topics(scenario)
     graph = Graph(
         (
-            _row(row, scenario, kinds or {})
+            _row(_with_commands(row, by_hand), scenario, kinds or {})
             for service in scenario.services
             for row in _rows(service, scenario)
         ),
@@ -171,6 +176,17 @@ def _rows(service: str, scenario: Scenario) -> tuple[Row, ...]:
     if not issubclass(kind, Node) or kind.ROW is None:
         raise ConfigError(f"{service}: an observer takes the place of one in the graph")
     return (replace(kind.ROW, name=service),)
+
+
+def _with_commands(row: Row, by_hand: Iterable[Topic[Any]]) -> Row:
+    """Return the row of the guard or the controller with all topics of commands that it takes."""
+    if row.name not in CHOOSE or CMD_VEL not in [i.topic for i in row.inputs]:
+        return row
+    inputs = (
+        latest(topic, revises=True) if topic.by_hand else due(topic, revises=True)
+        for topic in by_hand
+    )
+    return replace(row, inputs=(*row.inputs, *inputs))
 
 
 def _row(row: Row, scenario: Scenario, kinds: Mapping[str, Kind]) -> Row:
@@ -250,6 +266,13 @@ def _refuse_taken_keys(scenario: Scenario, graph: Graph) -> None:
             ):
                 raise ConfigError(
                     f"controller.{name}: {key} is the key of another topic: take another"
+                )
+        taken = {topic.key for topic in TOPICS if topic is not CMD_VEL}
+        taken |= {call.key for call in CALLS} | {controller.command_key, controller.odometry_key}
+        for command in controller.commands:
+            if command.key in taken - {CMD_VEL.key}:
+                raise ConfigError(
+                    f"controller.commands: {command.key} is the key of another topic: take another"
                 )
         if robot in {topic.key.partition("/")[0] for topic in graph.topics}:
             raise ConfigError(f"robots: the name {robot!r} begins a key of a node: take another")

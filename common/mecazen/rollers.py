@@ -158,6 +158,23 @@ class Roller:
         return vertices, triangles
 
 
+def lateral_gain(count: int) -> float:
+    """Return the mean of v_y over its ideal value on wheels of `count` rollers that do not slip.
+
+    A roller resists only along its axis, so the wheel's contact point has no velocity along the
+    horizontal part of that axis. When the wheel has turned its roller by θ from the bottom, the
+    axis (±sin γ, cos γ, 0) has become (±sin γ·cos θ, cos γ, ∓sin γ·sin θ), so its effective angle
+    has tan γ' = tan γ·cos θ and
+
+        (v_x - ω·R)·tan γ·cos θ ± v_y = 0.
+
+    The ideal equations have θ = 0. With v_x = 0 the gain is cos θ: it is 1 in a roller's
+    middle, and its mean over the arc |θ| ≤ α = π/N is sin(α)/α.
+    """
+    arc = math.pi / count
+    return math.sin(arc) / arc
+
+
 def _triangles(*corners: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return corner indices, given as three arrays of one shape, as rows of three."""
     return np.stack([corner.ravel() for corner in corners], axis=1)

@@ -48,13 +48,13 @@ def due(topic: Topic[Any], *, revises: bool = False, before: bool = False) -> In
     return Input(topic, "due", revises, before)
 
 
-def latest(topic: Topic[Any]) -> Input:
+def latest(topic: Topic[Any], *, revises: bool = False) -> Input:
     """Return an input with the newest sample since the last step, if any; no step waits for it.
 
     In lockstep the rule is "due" instead if a node publishes the topic, so that results do not
     depend on the order of arrival.
     """
-    return Input(topic, "latest")
+    return Input(topic, "latest", revises)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Row:
             if not isinstance(values, tuple) or not all(isinstance(v, kind) for v in values):
                 raise ConfigError(f"row {self.name}: {name} must be a tuple, each {kind.__name__}")
         for name, topics in (("inputs", [i.topic for i in self.inputs]), ("outputs", self.outputs)):
-            if len({topic.key for topic in topics}) != len(topics):
+            if len({(topic.key, topic.by_hand) for topic in topics}) != len(topics):
                 raise ConfigError(f"row {self.name}: {name}: each topic at most once")
         for key, rate in self.rates.items():
             positive = isinstance(rate, int | float) and rate > 0.0

@@ -29,10 +29,10 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 ROLLER_MESH = "meshes/roller.stl"
 """The one mesh of all rollers: a body of revolution is its own mirror image."""
 COLOURS = {
-    "base": "0.20 0.22 0.26 1",
+    "base": "0.98 0.80 0.36 1",
     "hub": "0.55 0.57 0.60 1",
     "roller": "0.10 0.10 0.10 1",
-    "sensor": "0.05 0.35 0.65 1",
+    "sensor": "0.17 0.19 0.22 1",
     "payload": "0.60 0.45 0.25 1",
 }
 SIZES = {"box": (("size",), 3), "cylinder": (("radius", "length"), 2), "mesh": ((), 0)}

@@ -21,7 +21,7 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen_people.paths import make_path
 
 from mecazen_experiments.programs import PROGRAMS
-from mecazen_experiments.study import Case, Label, Settings, Study, check_known
+from mecazen_experiments.study import Case, Label, Settings, Study, check_known, matching
 from mecazen_experiments.versions import fingerprint, version, with_content
 
 
@@ -202,11 +202,8 @@ def _filled(case: Case, settings: Settings, place: Mapping[str, float], seed: in
 
 
 def _files(study: Study) -> list[Path]:
-    if not study.files:
-        return []
-    above = Path(study.files).anchor
-    files = sorted(Path(above).glob(study.files.removeprefix(above)))
-    if not files:
+    files = matching(study.files) if study.files else []
+    if study.files and not files:
         raise ConfigError(f"files: no file matches {study.files}")
     return files
 

@@ -24,14 +24,14 @@ from mecazen_tools.drawing import (
     save,
 )
 from mecazen_tools.observe import observe
+from mecazen_tools.statistics import mean_interval
 from mecazen_tools.table import Floats, Table, deviations
 
-from mecazen_experiments.capture import capture
 from mecazen_experiments.expansion import Job
 from mecazen_experiments.frame import select
-from mecazen_experiments.quality import MEASURED, CapturedWalk, walk_of
+from mecazen_experiments.gait.motion import MEASURED
+from mecazen_experiments.mocap import Capture, capture
 from mecazen_experiments.runs import Workers, do_all
-from mecazen_experiments.statistics import mean_interval
 from mecazen_experiments.study import Study, StudyFigure
 from mecazen_experiments.tables import unit_means
 
@@ -152,7 +152,7 @@ def cycles(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Fi
     drawn = figure.Figure(figsize=(2.0 * COLUMN_IN, COLUMN_IN), layout="constrained")
     grid = drawn.subplots(len(MEASURED), len(runs), sharex=True, sharey="row", squeeze=False)
     for column, (job, walk) in zip(grid.T, runs, strict=True):
-        phases, angles = walk.captured.truth_at_frames.phases, walk.angles
+        phases, angles = walk.truth_at_frames.phases, walk.angles
         for joint, axes in enumerate(column):
             for name in (name for name in CYCLES if name in angles):
                 strides = by_stride(phases, angles[name][:, [joint, joint + len(MEASURED)]])
@@ -184,9 +184,9 @@ def by_stride(phases: Floats, angles: Floats) -> Floats:
     return np.array(strides)
 
 
-def captured(job: Job) -> CapturedWalk:
+def captured(job: Job) -> Capture:
     """Simulate a job and return its captured walk."""
-    return walk_of(capture(job.load()))
+    return capture(job.load())
 
 
 def tabulate(job: Job) -> Table:

@@ -21,7 +21,6 @@ from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, GUARD_STATE, TARGET_CMD_VEL, TARGET_ODOM
 from mecazen.keys import TARGET_SKELETON as SKELETON
 from mecazen.loading import convert, from_tables, named_file
-from mecazen.runtime.host import Service
 from mecazen.runtime.schedule import Schedule
 from mecazen.schema import NonNegative, Section
 from mecazen.ticks import ROUNDING_S
@@ -31,7 +30,7 @@ from mecazen_tools.plane import Plane
 from mecazen_tools.simulation import Simulation
 from mecazen_tools.table import Table
 
-from mecazen_experiments.gaps import contacts, gap_to_obstacle, onsets
+from mecazen_experiments.safety import contacts, gap_to_walls, onsets
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
@@ -57,9 +56,7 @@ class Options(Section):
     """What happens in a minute."""
 
     speed_m_s: NonNegative = 1.0
-    """Speed of the person when walking."""
-    approach: bool = True
-    """Whether the person walks at the robot in a third of the time."""
+    """Speed of the person when walking: anywhere, or at the robot."""
     freezes: bool = False
     """Whether services freeze, one at a time, as processes do."""
 
@@ -67,7 +64,7 @@ class Options(Section):
 def fuzz(job: Job) -> dict[str, float | str]:
     """Drive for a minute; return contacts, least gaps and the share of time with a reduced command.
 
-    `caused` are the contacts that the robot caused, see `gaps.contacts`, and `contacts` all with
+    `caused` are the contacts that the robot caused, see `safety.Contacts`, and `contacts` all with
     the person; `walls` are those with obstacles. `closing_m_s` is the highest speed of robot and
     person towards each other at the begin of a contact.
     """
@@ -86,8 +83,7 @@ def fuzz(job: Job) -> dict[str, float | str]:
     robot = table.poses("robot")
     person = _person(samples[SKELETON.key], table)
     touched = contacts(scenario.robot, robot, person, table.tick_s)
-    solids = scenario.world.obstacles
-    walls = np.min([gap_to_obstacle(scenario.robot, robot, solid) for solid in solids], axis=0)
+    walls = gap_to_walls(scenario, robot)
     target = table.poses("target")
     distance = np.hypot(target.x - robot.x, target.y - robot.y)
     closing = -np.gradient(distance, table.tick_s)[touched.rows]
@@ -118,13 +114,9 @@ def room(seed: int, chance: np.random.Generator, settings: Mapping[str, Any]) ->
     """Return a scenario: a room with boxes and pillars, a robot and a person in it."""
     half, thin = ROOM_M / 2.0, 0.2
     obstacles: list[dict[str, Any]] = [
-        {"kind": "box", "size_m": [*size, 1.0], "position_m": place}
-        for size, place in (
-            ([ROOM_M, thin], [0.0, half]),
-            ([ROOM_M, thin], [0.0, -half]),
-            ([thin, ROOM_M], [half, 0.0]),
-            ([thin, ROOM_M], [-half, 0.0]),
-        )
+        {"kind": "box", "size_m": [*size, 1.0], "position_m": [sign * x, sign * y]}
+        for size, x, y in (((ROOM_M, thin), 0.0, half), ((thin, ROOM_M), half, 0.0))
+        for sign in (1.0, -1.0)
     ]
     free = [Pose2D(x, y) for x in (-2.0, 0.0, 2.0) for y in (-2.0, 0.0, 2.0)]
     chance.shuffle(free)
@@ -132,12 +124,12 @@ def room(seed: int, chance: np.random.Generator, settings: Mapping[str, Any]) ->
     for number, (x, y, _) in enumerate(places[:4]):
         place = [x + chance.uniform(-0.4, 0.4), y + chance.uniform(-0.4, 0.4)]
         if number % 2:
-            pillar = [chance.uniform(0.05, 0.25), 1.5]
-            obstacles.append({"kind": "cylinder", "size_m": pillar, "position_m": place})
+            size = [chance.uniform(0.05, 0.25), 1.5]
+            obstacles.append({"kind": "cylinder", "size_m": size, "position_m": place})
         else:
-            box = [chance.uniform(0.1, 0.9), chance.uniform(0.1, 0.9), 1.0]
+            size = [chance.uniform(0.1, 0.9), chance.uniform(0.1, 0.9), 1.0]
             yaw = chance.uniform(-180.0, 180.0)
-            obstacles.append({"kind": "box", "size_m": box, "position_m": place, "yaw_deg": yaw})
+            obstacles.append({"kind": "box", "size_m": size, "position_m": place, "yaw_deg": yaw})
     tables = {
         "robot": "nexus.toml",
         "seed": seed,
@@ -157,7 +149,7 @@ class Rider:
 
     def __init__(self, chance: np.random.Generator, scenario: Scenario, options: Options) -> None:
         self._chance, self._options = chance, options
-        self._solids = [(_place(solid), _half(solid)) for solid in scenario.world.obstacles]
+        self._solids = [_rectangle(solid) for solid in scenario.world.obstacles]
         self._clear_m = CLEAR_M + scenario.world.person.radius_m
         self._tick_s = scenario.sim.tick_s
         self._drives = "follower" not in scenario.services
@@ -183,36 +175,28 @@ class Rider:
         return commands | {TARGET_CMD_VEL.key: encode(m.Twist.planar(walk))}
 
     def command(self, tick: int, robot: Pose2D, person: Pose2D) -> Twist2D:
-        """Return the commanded twist of the robot."""
+        """Return the commanded twist of the robot: by chance, or straight at the person."""
         if tick >= self._command_until:
             self._command_until = tick + int(self._chance.integers(5, 300))
-            self._command = self._next_command()
+            kind = int(self._chance.integers(6))
+            x, y = self._chance.uniform(-FASTEST_M_S, FASTEST_M_S, 2).tolist()
+            yaw = float(self._chance.uniform(-FASTEST_RAD_S, FASTEST_RAD_S))
+            reversed_twist = Twist2D(*(-part for part in self._command))
+            special = {1: reversed_twist, 2: Twist2D(yaw=yaw), 3: Twist2D(x=x)}
+            self._at_person = kind == 0
+            self._command = special.get(kind, Twist2D(x, y, 0.3 * yaw))
         if not self._at_person:
             return self._command
         to_person, speed = robot.between(person), abs(self._command.x)
         along = math.atan2(to_person.y, to_person.x)
         return Twist2D(speed * math.cos(along), speed * math.sin(along), self._command.yaw)
 
-    def _next_command(self) -> Twist2D:
-        kind = self._chance.integers(6)
-        self._at_person = bool(kind == 0)
-        x, y = self._chance.uniform(-FASTEST_M_S, FASTEST_M_S, 2).tolist()
-        yaw = float(self._chance.uniform(-FASTEST_RAD_S, FASTEST_RAD_S))
-        match kind:
-            case 1:
-                return Twist2D(*(-part for part in self._command))
-            case 2:
-                return Twist2D(yaw=yaw)
-            case 3:
-                return Twist2D(x=x)
-        return Twist2D(x, y, 0.3 * yaw)
-
     def walk(self, tick: int, robot: Pose2D, person: Pose2D) -> Twist2D:
         """Return the twist of the person: stand and turn, walk on, or walk at the robot."""
         if tick >= self._walk_until:
             self._walk_until = tick + int(self._chance.integers(100, 400))
             kind = self._chance.integers(3)
-            self._at_robot = self._options.approach and kind == 2
+            self._at_robot = bool(kind == 2)
             yaw = float(self._chance.uniform(-1.0, 1.0))
             self._walk = Twist2D(x=self._options.speed_m_s * bool(kind), yaw=yaw)
         c, s = math.cos(person.yaw), math.sin(person.yaw)
@@ -231,16 +215,12 @@ class Rider:
         return all(to_rectangle(point.x, point.y, half) > self._clear_m for point, half in points)
 
 
-def _place(solid: Box | Cylinder) -> Pose2D:
-    yaw_deg = solid.yaw_deg if isinstance(solid, Box) else 0.0
-    return Pose2D(*solid.position_m, math.radians(yaw_deg))
-
-
-def _half(solid: Box | Cylinder) -> tuple[float, float]:
-    """Return half the length and half the width of an obstacle's footprint."""
+def _rectangle(solid: Box | Cylinder) -> tuple[Pose2D, tuple[float, float]]:
+    """Return the pose of an obstacle, and half the length and half the width of its footprint."""
     if isinstance(solid, Cylinder):
-        return solid.size_m[0], solid.size_m[0]
-    return solid.size_m[0] / 2.0, solid.size_m[1] / 2.0
+        return Pose2D(*solid.position_m), (solid.size_m[0], solid.size_m[0])
+    length, width, _ = solid.size_m
+    return Pose2D(*solid.position_m, math.radians(solid.yaw_deg)), (length / 2.0, width / 2.0)
 
 
 def freeze(sim: Simulation, seed: int) -> list[tuple[str, range]]:
@@ -259,20 +239,14 @@ def freeze(sim: Simulation, seed: int) -> list[tuple[str, range]]:
         end_s = begin_s + chance.uniform(*FREEZES_S)
         ticks = range(round(begin_s / time.tick_s), round(end_s / time.tick_s))
         service = chance.choice(services)
-        _skip(service, ticks)
+        for turn in service.turns:
+            turn.is_triggered = partial(_is_triggered, ticks, turn.is_triggered)  # type: ignore[method-assign]
         frozen.append((service.name, ticks))
         begin_s = end_s
     sim.host.revise = lambda: None  # type: ignore[method-assign]  # frozen services repeat no step
     sim.clock.lockstep = False
     sim.clock.schedule = Schedule(time.tick_s, math.inf)  # each tick is due at once
     return frozen
-
-
-def _skip(service: Service, ticks: range) -> None:
-    """Skip the turns of a service in some ticks."""
-    for turn in service.turns:
-        triggered = partial(_is_triggered, ticks, turn.is_triggered)
-        turn.is_triggered = triggered  # type: ignore[method-assign]
 
 
 def _is_triggered(skipped: range, before: Callable[[int], bool], tick: int) -> bool:

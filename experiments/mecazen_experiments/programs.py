@@ -14,7 +14,7 @@ PROGRAMS = {
     "followbench_rules": f"{PACKAGE}.followbench.program",
     "following": f"{PACKAGE}.scores",
     "fuzz": f"{PACKAGE}.fuzz",
-    "mocap": f"{PACKAGE}.quality",
+    "mocap": f"{PACKAGE}.mocap",
     "safety": f"{PACKAGE}.safety",
     "walkers": f"{PACKAGE}.limit",
 }

@@ -5,21 +5,19 @@ from __future__ import annotations
 import gc
 import importlib
 import logging
-import os
 import re
-import signal
 import sqlite3
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import CancelledError, Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
-from multiprocessing import active_children, get_context, resource_tracker
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 from mecazen.errors import ConfigError, MecazenError
+from mecazen_tools.pool import CORES, processes
 
 from mecazen_experiments.expansion import Job
 from mecazen_experiments.programs import PROGRAMS, Value
@@ -36,7 +34,6 @@ MAX_TRIES = 3
 CONNECT_S = 2.0
 BUSY_S = 60.0
 """Time to wait for the write of another command, which takes milliseconds."""
-CORES = len(os.sched_getaffinity(0))
 _TABLE = "create table if not exists runs (key text primary key, columns text) without rowid"
 
 
@@ -205,32 +202,6 @@ def local_workers(count: int | None = None) -> Workers:
     """Return processes of this machine, by default one for each core; of one, this process."""
     count = count or CORES
     return Workers(count, None if count == 1 else lambda jobs: processes(min(count, jobs)))
-
-
-@contextmanager
-def processes(count: int) -> Iterator[Executor]:
-    """Yield an executor of processes that ignore Ctrl-C; leaving it by an error kills them.
-
-    A terminal sends Ctrl-C to all processes, and this process reports it.
-    """
-    # Python's cleanup process starts with the first worker, and its start would unblock Ctrl-C
-    resource_tracker.ensure_running()
-    earlier = {*active_children()}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        pool = ProcessPoolExecutor(count, get_context("spawn"))
-        for _ in range(count):
-            pool.submit(os.getpid)  # starts a process, which inherits the blocked signal
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    try:
-        yield pool
-    except BaseException:
-        for process in {*active_children()} - earlier:
-            process.kill()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

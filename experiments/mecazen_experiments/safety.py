@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
+from mecazen.arrays import to_rectangle
 from mecazen.config import Scenario
-from mecazen.config.world import Box
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
-from mecazen_tools.observe import PELVIS, Watched, watch
-from mecazen_tools.table import Bools, Floats, first_motion
+from mecazen.robot import Robot
+from mecazen.skeleton import INDEX, LIMBS
+from mecazen_tools.observe import PELVIS, PersonOverTime, Watched, watch
+from mecazen_tools.table import Bools, Floats, Poses, first_motion
 
-from mecazen_experiments.gaps import contacts, gap_to_obstacle, onsets
 from mecazen_experiments.scores import score
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
 
+CAUSED_M_S = 0.05
+"""Speed of the robot towards a person above which a contact that begins is caused by the robot."""
 TTC_S = 1.0
 """A shorter time to collision is a conflict (J. C. Hayward, Near miss determination through use of
 a scale of danger, 1972; the threshold is usual for people on foot)."""
@@ -26,6 +31,9 @@ STILL_M_S = 0.03
 """Speed below which a robot counts as standing."""
 AWAY_M = 0.5
 """Distance from its goal beyond which a standing robot is frozen, while its person walks."""
+_BEGINS = [INDEX[limb.begin] for limb in LIMBS]
+_ENDS = [INDEX[limb.end] for limb in LIMBS]
+_RADII = np.array([limb.radius for limb in LIMBS])
 
 
 def safety(job: Job) -> dict[str, float | str | None]:
@@ -39,7 +47,7 @@ def measure(run: Watched, scenario: Scenario) -> dict[str, float | str | None]:
     """Return the measures of a run; None if there is nothing to measure.
 
     `contacts_person`, `contacts_others` and `contacts_walls` are the contacts that the robot
-    caused, see `gaps.contacts`, and `…_all` those with people, whoever caused them. `gap_…_m` are
+    caused, see `Contacts`, and `…_all` those with people, whoever caused them. `gap_…_m` are
     the smallest gaps, negative for overlap. `conflict_s` is the time with a time to collision with
     any person below 1 s, `view_percent` the share of the camera's frames that show the person,
     `regain_s` the longest time without such a frame, and `frozen_s` the time in which the robot
@@ -50,7 +58,7 @@ def measure(run: Watched, scenario: Scenario) -> dict[str, float | str | None]:
     person, *pedestrians = (
         contacts(robot, run.robot, body, step_s) for body in (run.person, *run.pedestrians)
     )
-    walls = _walls(run, scenario)
+    walls = gap_to_walls(scenario, run.robot)
     begin = first_motion(run.table) or 0
     times, shown = run.sight
     moving = times >= run.table["t_s"][begin]
@@ -74,17 +82,6 @@ def measure(run: Watched, scenario: Scenario) -> dict[str, float | str | None]:
         "jerk_rms_m_s3": following["jerk_rms_m_s3"],
         "time_s": float(run.table["t_s"][-1]),
     }
-
-
-def _walls(run: Watched, scenario: Scenario) -> Floats:
-    """Return the gaps to the nearest obstacle that is not above the robot (n) [m]."""
-    robot = scenario.robot
-    gaps = [
-        gap_to_obstacle(robot, run.robot, solid)
-        for solid in scenario.world.solids
-        if not (isinstance(solid, Box) and solid.bottom_m >= robot.height)
-    ]
-    return np.min(gaps, axis=0) if gaps else np.full(len(run.t), math.inf)
 
 
 def _in_conflict(run: Watched, gaps: Sequence[Floats], step_s: float) -> Bools:
@@ -123,3 +120,128 @@ def _frozen(run: Watched, scenario: Scenario, begin: int) -> float:
 def _least(gaps: Floats) -> float | None:
     known = gaps[np.isfinite(gaps)]
     return float(known.min()) if known.size else None
+
+
+class Contacts(NamedTuple):
+    """The contacts of a robot with a person."""
+
+    gap_m: Floats
+    """Distance from the robot to the person (n) [m]; 0 or negative in contact."""
+    rows: npt.NDArray[np.int64]
+    """The sample before each contact (k)."""
+    caused: Bools
+    """Whether the robot caused each contact (k): it moved towards the place where the person was,
+    at more than `CAUSED_M_S`."""
+
+
+def contacts(robot: Robot, poses: Poses, person: PersonOverTime, step_s: float) -> Contacts:
+    """Return the contacts of a robot at n poses with a person at the same times."""
+    gap = gap_to_person(robot, poses, person)
+    rows = onsets(gap)
+    after = np.minimum(rows + 1, len(gap) - 1)
+    before = PersonOverTime(person.joints[rows], person.height)
+    moved = gap_to_person(robot, Poses(*(column[after] for column in poses)), before)
+    with np.errstate(invalid="ignore"):
+        return Contacts(gap, rows, (gap[rows] - moved) / step_s > CAUSED_M_S)
+
+
+def onsets(gap: Floats) -> npt.NDArray[np.int64]:
+    """Return the begins of contacts: the sample before the first sample of each contact."""
+    touching = gap <= 0.0
+    begins = np.flatnonzero(touching & ~np.concatenate(([False], touching[:-1])))
+    return np.maximum(begins - 1, 0)
+
+
+def gap_to_person(robot: Robot, poses: Poses, person: PersonOverTime) -> Floats:
+    """Return the distance from a robot's footprint to a person's limbs (n) [m].
+
+    The distance is that of a rectangle and capsules seen from above; only the parts of limbs below
+    the robot's top count. If they overlap, the distance is negative, down to minus the radius of a
+    limb. It is NaN while there is no person.
+    """
+    begins, ends = person.joints[:, _BEGINS], person.joints[:, _ENDS]
+    radii, along = _RADII * person.height, ends - begins
+    top = robot.height + radii
+    # from share `low` to share `high` of its length, a limb is not above the robot
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        cut = np.clip((top - begins[..., 2]) / along[..., 2], 0.0, 1.0)
+    low = np.where(along[..., 2] < 0.0, cut, 0.0)[..., None]
+    high = np.where(along[..., 2] > 0.0, cut, 1.0)[..., None]
+    first, last = (_seen(poses, (begins + share * along)[..., :2]) for share in (low, high))
+    gaps = _to_segments(robot.footprint, first, last) - radii
+    gaps[np.minimum(begins[..., 2], ends[..., 2]) > top] = math.inf
+    nearest: Floats = gaps.min(axis=1)
+    return nearest
+
+
+def gap_to_walls(scenario: Scenario, poses: Poses) -> Floats:
+    """Return the distance from the robot to the nearest obstacle that is not above it (n) [m]."""
+    gaps = [
+        gap_to_obstacle(scenario.robot, poses, solid)
+        for solid in scenario.world.solids
+        if not (isinstance(solid, Box) and solid.bottom_m >= scenario.robot.height)
+    ]
+    nearest: Floats = np.min([np.full(len(poses.x), math.inf), *gaps], axis=0)
+    return nearest
+
+
+def gap_to_obstacle(robot: Robot, poses: Poses, solid: Box | Cylinder) -> Floats:
+    """Return the distance from a robot's footprint to an obstacle (n) [m]; 0 if they touch.
+
+    For a cylinder the distance is negative if they overlap.
+    """
+    n, half = len(poses.x), robot.footprint
+    if isinstance(solid, Cylinder):
+        centre = np.broadcast_to(solid.position_m, (n, 1, 2))
+        return _to_outline(poses, half, centre)[:, 0] - solid.size_m[0]
+    box = Poses(*np.full((n, 3), (*solid.position_m, math.radians(solid.yaw_deg))).T)
+    half_box = solid.size_m[0] / 2.0, solid.size_m[1] / 2.0
+    # the shortest line between two rectangles starts at a corner of one of them
+    to_robot = _to_outline(poses, half, _corners(box, half_box))
+    to_box = _to_outline(box, half_box, _corners(poses, half))
+    nearest: Floats = np.minimum(to_robot.min(axis=1), to_box.min(axis=1))
+    return nearest
+
+
+def _to_outline(poses: Poses, half: tuple[float, float], points: Floats) -> Floats:
+    """Return the distances of points (n, k, 2) from a rectangle at poses (n): 0 within it."""
+    x, y = np.moveaxis(_seen(poses, points), -1, 0)
+    return np.maximum(to_rectangle(x, y, half), 0.0)
+
+
+def _seen(poses: Poses, points: Floats) -> Floats:
+    """Transform points (n, k, 2) to the frames of poses (n)."""
+    c, s = np.cos(poses.yaw)[:, None], np.sin(poses.yaw)[:, None]
+    dx, dy = points[..., 0] - poses.x[:, None], points[..., 1] - poses.y[:, None]
+    return np.stack((c * dx + s * dy, c * dy - s * dx), axis=-1)
+
+
+def _corners(poses: Poses, half: tuple[float, float]) -> Floats:
+    """Return the corners (n, 4, 2) of rectangles at poses (n)."""
+    corners = [poses.compose(Pose2D(x, y))[:2] for x, y in _signed(half)]
+    return np.moveaxis(np.array(corners), 2, 0)
+
+
+def _signed(half: tuple[float, float]) -> list[tuple[float, float]]:
+    return [(x, y) for x in (half[0], -half[0]) for y in (half[1], -half[1])]
+
+
+def _to_segments(half: tuple[float, float], first: Floats, last: Floats) -> Floats:
+    """Return the distances of segments (n, k, 2) from a rectangle at the origin: 0 within it.
+
+    The nearest point of a segment is an end of it, or the foot of the perpendicular from a corner,
+    or it is where the line crosses a side of the rectangle.
+    """
+    along = last - first
+    corners = np.array(_signed(half))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        feet = np.sum((corners - first[..., None, :]) * along[..., None, :], axis=-1)
+        feet /= np.sum(along**2, axis=-1)[..., None]
+        sides = np.stack((np.array(half), -np.array(half)))
+        crossings = (sides - first[..., None, :]) / along[..., None, :]
+    ends = np.broadcast_to((0.0, 1.0), (*first.shape[:-1], 2))
+    crossings = crossings.reshape(*first.shape[:-1], 4)
+    shares = np.nan_to_num(np.concatenate((ends, feet, crossings), axis=-1), posinf=1.0, neginf=0.0)
+    points = first[..., None, :] + np.clip(shares, 0.0, 1.0)[..., None] * along[..., None, :]
+    nearest: Floats = np.maximum(to_rectangle(points[..., 0], points[..., 1], half), 0.0).min(-1)
+    return nearest

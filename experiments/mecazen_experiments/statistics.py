@@ -1,51 +1,16 @@
-"""Confidence intervals of means, of shares of successes, and of statistics of several units."""
+"""Confidence intervals of shares of successes, of rates and of statistics over sessions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from statistics import fmean, stdev
 from typing import TypeVar
 
-import msgspec
 import numpy as np
-from scipy.stats import binomtest, chi2, t
+from mecazen_tools.statistics import Interval, mean_interval
+from scipy.stats import binomtest, chi2
 
 T = TypeVar("T")
-LEAST_UNITS = 10
-"""Minimum number of independent values for a verdict on a limit."""
-
-
-class Interval(msgspec.Struct, frozen=True):
-    """A mean and its 95 % confidence interval."""
-
-    mean: float
-    low: float
-    high: float
-    n: int
-    """The number of independent values."""
-
-    @property
-    def values(self) -> tuple[float, float]:
-        """The two values of a `mean_interval` with n = 2."""
-        half = (self.high - self.mean) / _quantile(2)
-        return self.mean - half, self.mean + half
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The limits, or with n = 2 the two values."""
-        return self.values if self.n == 2 else (self.low, self.high)
-
-
-def mean_interval(values: Sequence[float]) -> Interval:
-    """Return the mean of `values` with its t interval (Student 1908); one value has no width."""
-    if not values:
-        raise ValueError("there are no values to take the mean of")
-    mean, n = fmean(values), len(values)
-    if min(values) == max(values):
-        return Interval(mean, mean, mean, n)
-    half = _quantile(n) * stdev(values) / math.sqrt(n)
-    return Interval(mean, mean - half, mean + half, n)
 
 
 def jackknife(
@@ -67,11 +32,6 @@ def jackknife(
         Interval(value, math.nan, math.nan, n) if np.isnan(values).any() else mean_interval(values)
         for value, values in zip(whole.tolist(), pseudo.T.tolist(), strict=True)
     ]
-
-
-def _quantile(n: int) -> float:
-    """Return the 97.5 % quantile of Student's distribution for n values."""
-    return float(t.ppf(0.975, n - 1))
 
 
 def share_interval(successes: Sequence[bool]) -> Interval:

@@ -27,6 +27,7 @@ How = Literal["mean", "share", "sum", "min", "max", "value", "difference", "rati
 """The way in which a column of a table summarises the runs of a row."""
 UNIT = ("case", "draw")
 """The default unit; `draw` is the walk, or the seed without a walk."""
+PACKAGE = Path(__file__).parent
 
 
 class Case(Section):
@@ -142,7 +143,8 @@ class Study(Section):
     sweep: dict[Name, tuple[Label, ...]] = msgspec.field(default_factory=dict)
     """Settings with several values each."""
     files: str = ""
-    """A pattern relative to the study's file; each matching file is the `file` of its own jobs."""
+    """A pattern relative to the study's file, or else to this package; each matching file is the
+    `file` of its own jobs."""
     derive: dict[Name, str] = msgspec.field(default_factory=dict)
     """Further columns of the frame, as expressions of the others."""
     tables: tuple[StudyTable, ...] = msgspec.field(name="table", default=())
@@ -207,13 +209,20 @@ def _locate(raw: dict[str, Any], path: Path, depth: int = 0) -> None:
             file = named_file(scenario, "scenario", f"{path}: ") if is_name else None
             table["scenario"] = str((file or path.parent / scenario).resolve())
     if isinstance(files := raw.get("files"), str):
-        raw["files"] = str(path.parent.resolve() / files)
+        patterns = [str(folder / files) for folder in (path.parent.resolve(), PACKAGE)]
+        raw["files"] = next(filter(matching, patterns), patterns[0])
     if isinstance(name := raw.get("extends"), str):
         if depth:
             raise ConfigError(f"{path}: extends: a study that is extended can't extend another")
         base = read_toml(path.parent / name)
         _locate(base, path.parent / name, depth + 1)
         raw |= base | raw
+
+
+def matching(pattern: str) -> list[Path]:
+    """Return the files that an absolute pattern matches, in the order of their names."""
+    root = Path(pattern).anchor
+    return sorted(Path(root).glob(pattern.removeprefix(root)))
 
 
 def check_known(

@@ -10,17 +10,12 @@ from typing import NamedTuple
 
 import pandas as pd
 from mecazen.errors import ConfigError
+from mecazen_tools.statistics import LEAST_UNITS, Interval, mean_interval, show
 from rich.table import Table as RichTable
 from rich.text import Text
 
 from mecazen_experiments.frame import select
-from mecazen_experiments.statistics import (
-    LEAST_UNITS,
-    Interval,
-    mean_interval,
-    most_per_hour,
-    share_interval,
-)
+from mecazen_experiments.statistics import most_per_hour, share_interval
 from mecazen_experiments.study import Column, Label, Study, StudyTable, check_known
 
 REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
@@ -219,16 +214,6 @@ def _paired(
         return show(mean_interval([b - a for a, b in pairs]), column.digits)
     interval = mean_interval([b / a for a, b in pairs])
     return show(interval, column.digits) + _limit(interval, f"{name}_ratio", group)
-
-
-def show(interval: Interval, digits: int) -> str:
-    """Return a mean with its interval; of two units both values, of one its value."""
-    if interval.n == 1:
-        return f"{interval.mean:.{digits}f}"
-    if interval.n == 2:
-        return ", ".join(f"{value:.{digits}f}" for value in interval.values)
-    low, high = (f"{value:.{digits}f}" for value in (interval.low, interval.high))
-    return f"{interval.mean:.{digits}f} ({low}–{high})"
 
 
 def _limit(interval: Interval, name: str, group: pd.DataFrame) -> str:

@@ -22,6 +22,8 @@ from mecazen_people.recorded import RecordedWalk, read_track
 SCRIPT_YAW_ACCELERATION_DEG_S2 = 720.0
 STEP_M, LONGEST_STEP_S = 0.02, 0.1
 """Distance between checked positions of a path, and the longest time between them [s]."""
+TURN_S = 2.0
+"""Time of a turn on the spot by 180°, between the ways of who walks back and forth."""
 CELL_S = 0.005
 """Within a cell of a script the velocity is that of its middle: a stop from 1.8 m/s is 2 mm off at
 most."""
@@ -90,6 +92,37 @@ def scripted(
             yield Twist2D(*((a + b) / 2 for a, b in zip(before, twist, strict=True)))
 
 
+class BackAndForth:
+    """A path walked to its end, and back on the same line, again and again.
+
+    At both ends the person turns to the left, on the spot. An endless path stays what it is.
+    """
+
+    duration = math.inf
+
+    def __init__(self, path: PersonPath) -> None:
+        self._path = path
+        self._distance = 0.0 if math.isinf(path.duration) else path.at(path.duration).distance
+
+    def at(self, t: float) -> PersonMotion:
+        """Return the motion at the time `t` [s] in the frame of the path; at rest before 0."""
+        duration = self._path.duration
+        ways, since = divmod(max(t, 0.0), duration + TURN_S)
+        returns = ways % 2.0 == 1.0
+        pose, twist, distance = self._path.at(duration - since if returns else min(t, since))
+        yaw, turned = pose.yaw, since - duration
+        if returns:
+            # the velocity is reversed, and so are the axes in which it is given
+            yaw, twist, distance = (
+                yaw + math.pi,
+                twist._replace(yaw=-twist.yaw),
+                self._distance - distance,
+            )
+        if turned > 0.0:
+            yaw, twist = yaw + math.pi * turned / TURN_S, Twist2D(yaw=math.pi / TURN_S)
+        return PersonMotion(pose._replace(yaw=yaw), twist, ways * self._distance + distance)
+
+
 class Placed:
     """A path that starts at the time `start_after` [s], with its frame at the pose `start`."""
 
@@ -113,24 +146,24 @@ def start_pose(path: config.Walk | config.Driven | config.Goal) -> Pose2D:
 def make_path(path: config.Walk) -> PersonPath:
     """Return the configured path, in the world."""
     start = start_pose(path)
+    walk: PersonPath
     match path:
         case config.Standing():
             return Placed(CurveWalk(Arcs([(0.0, 0.0)]), 1.0), start)
         case config.Recorded():
-            track = RecordedWalk(read_track(path.file), path.smoothing_s)
-            first = track.at(0.0).pose
-            return Placed(track, start.compose(first.between(Pose2D())), path.start_after_s)
+            walk = RecordedWalk(read_track(path.file), path.smoothing_s)
+            start = start.compose(walk.at(0.0).pose.between(Pose2D()))
         case config.Script():
             steps = [(step.duration_s, _velocity(step)) for step in path.steps]
             yaw = math.radians(SCRIPT_YAW_ACCELERATION_DEG_S2)
             walk = TwistWalk(scripted(steps, path.acceleration_m_s2, yaw))
-            return Placed(walk, start, path.start_after_s)
         case config.Wander():
             walk = TwistWalk(wander.twists(path.number, path.duration_s, CELL_S))
-            return Placed(walk, start, path.start_after_s)
         case _:
-            curve = CurveWalk(_curve(path), path.speed_m_s)
-            return Placed(curve, start, path.start_after_s)
+            walk = CurveWalk(_curve(path), path.speed_m_s)
+    if path.back_and_forth:
+        walk = BackAndForth(walk)
+    return Placed(walk, start, path.start_after_s)
 
 
 def check_path(path: PersonPath, world: WorldConfig, height: float, until: float) -> None:

@@ -134,7 +134,7 @@ class RosNode:
         if keys.ROBOT_DESCRIPTION in row.calls:
             self._describe(robot, namespace)
         for topic in (row_input.topic for row_input in row.inputs):
-            if _receiver(graph, topic) is row:
+            if _receiver(graph, topic) is row and not topic.by_hand:
                 key, has_source = self._key_of(topic, robot), graph.giver(topic.key) is not None
                 for ros_topic in topics.subscriptions(topic, key, has_source=has_source):
                     self._subscribe(of_robot(topic, robot), robot, ros_topic, namespace)

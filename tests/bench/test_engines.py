@@ -8,9 +8,10 @@ import pytest
 from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
+from mecazen.rollers import lateral_gain
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
 from mecazen_bench import gazebo_peer, physics
-from mecazen_bench.engine import Engine, RobotPose, lateral_gain, measure_accuracy
+from mecazen_bench.engine import Engine, RobotPose, measure_accuracy
 from mecazen_bench.gazebo_peer import GazeboEngine
 from mecazen_bench.physics import robot
 
@@ -49,7 +50,8 @@ def test_an_ideal_robot_has_gains_of_one_and_loses_the_energy_that_slows_it(slow
     accuracy = measure_accuracy(Ideal(slowing=slowing))
     # sums of thousands of steps
     assert accuracy.forward == pytest.approx(1.0, rel=1e-9)
-    assert accuracy.lateral * lateral_gain(robot("nexus")) == pytest.approx(1.0, rel=1e-9)
+    gain = lateral_gain(robot("nexus").rollers.count)
+    assert accuracy.lateral * gain == pytest.approx(1.0, rel=1e-9)
     # v² falls by twice its rate, from the middle of one passage to that of another 1 s later
     assert accuracy.energy == pytest.approx(math.exp(-2.0 * slowing) - 1.0, abs=1e-4)
 

@@ -26,12 +26,14 @@ ROUNDING = 1e-9
 """Tolerance for velocities below 4 m/s, summed over 40 ticks."""
 
 values = st.floats(0.05, 50.0)
+backwards = st.one_of(st.none(), st.floats(-4.0, 0.0))
 any_limits = st.builds(
     Limits,
     velocity=st.one_of(st.just(math.inf), st.floats(0.1, 10.0)),
     acceleration=values,
     deceleration=values,
     jerk=st.one_of(st.just(math.inf), st.floats(0.5, 5000.0)),
+    min_velocity=backwards,
 )
 equal_limits = st.builds(
     lambda a, j: Limits(acceleration=a, deceleration=a, jerk=j), values, st.floats(0.5, 5000.0)
@@ -41,7 +43,11 @@ reference_runs = st.lists(st.tuples(references, st.integers(1, 60)), min_size=1,
 
 positive = st.floats(0.1, 10.0)
 finite_limits = st.builds(
-    Limits, velocity=st.floats(0.5, 4.0), acceleration=positive, deceleration=positive
+    Limits,
+    velocity=st.floats(0.5, 4.0),
+    acceleration=positive,
+    deceleration=positive,
+    min_velocity=backwards,
 )
 drives = st.builds(
     Drive,
@@ -78,12 +84,12 @@ def settle(state, reference, limits):
 
 
 def clipped(velocity, limits):
-    return min(max(velocity, -limits.velocity), limits.velocity)
+    return min(max(velocity, limits.lowest), limits.velocity)
 
 
 def assert_within(states, limits):
     for before, after in pairwise(states):
-        assert abs(after.velocity) <= limits.velocity * EXCESS
+        assert limits.lowest * EXCESS <= after.velocity <= limits.velocity * EXCESS
         slope = (after.velocity - before.velocity) / DT
         assert slope == pytest.approx(after.acceleration, rel=1e-6, abs=1e-9)
         # a tick starts and ends on one side of zero, or the limits are the same
@@ -99,6 +105,8 @@ def assert_within(states, limits):
         # 0.025 m/s a tick at 2.5 m/s² and 10 ms, then the exact reference
         (Limits(acceleration=2.5, deceleration=2.5), 0.0, 0.06, [0.025, 0.05, 0.06, 0.06]),
         (Limits(acceleration=1.0, deceleration=4.0), 0.1, 0.0, [0.06, 0.02, 0.0]),
+        # backwards at most as fast as the lowest velocity
+        (Limits(1.0, 2.5, 2.5, min_velocity=-0.04), 0.0, -0.5, [-0.025, -0.04, -0.04]),
         # a reversal brakes with one limit and speeds up with the other
         (Limits(acceleration=1.0, deceleration=4.0), 0.06, -1.0, [0.02, 0.0, -0.01, -0.02]),
         # steps of 0.1 m/s² a tick: 1, 2, 3, 2, 1 of them add up to 0.009 m/s

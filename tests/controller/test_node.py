@@ -42,10 +42,11 @@ def joints(speeds, names=WHEEL_JOINTS):
 class Controller(Steps):
     def __init__(self, tick_s=0.01, **settings):
         super().__init__(ControllerNode, scenario(tick_s, **settings))
+        self.command = keys.GUARD_CMD_VEL if settings.get("also") else keys.CMD_VEL
 
     def drive(self, tick, reference=None, measured=STANDING):
         """Return the wheel speeds [rad/s] that a tick commands."""
-        commands = {} if reference is None else {self.node.command: m.Twist.planar(reference)}
+        commands = {} if reference is None else {self.command: m.Twist.planar(reference)}
         return self.step(tick, joints(measured) | commands)[keys.JOINT_COMMAND].velocity
 
     def forward(self, ticks, speed=None, measured=STANDING):
@@ -118,9 +119,10 @@ def test_a_run_begins_at_rest_and_without_a_reference():
     controller = Controller(limits=UNLIMITED)
     controller.forward(range(150), 0.5)
     controller.drive(162)
-    assert controller.node.diagnostics() == {"reference_age_s": 0.13, "expired_ticks": 0}
+    reference = {"reference_age_s": 0.13, "expired_ticks": 0}
+    assert controller.node.diagnostics() == reference | {"drives": "follower"}
     controller.reset(1)
-    assert controller.node.diagnostics() == {"reference": "none yet"}
+    assert controller.node.diagnostics() == {"drives": "", "reference": "none yet"}
     assert controller.drive(0, measured=(20.0,) * 4) == controller.drive(1) == STANDING
 
 

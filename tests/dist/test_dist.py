@@ -68,11 +68,10 @@ def test_it_simulates_as_in_the_clone_to_the_last_bit(away):
     assert there["trajectory_sha256"] == here["trajectory_sha256"]
 
 
-def test_the_follower_of_the_example_runs_in_a_folder_of_ones_own(away, tmp_path):
-    for name in ("my_follower.py", "my_follower.toml"):
-        (tmp_path / name).write_text((ROOT / "examples" / name).read_text())
-    scenario = tmp_path / "my_follower.toml"
-    result = msgspec.json.decode(said(away("simulate", scenario, *SHORT[2:])))
+def test_a_new_follower_runs_in_a_folder_of_ones_own(away):
+    said(away("new", "follower", "mine"))
+    program = ("--set", "programs.follower=mine.py:Mine")
+    result = msgspec.json.decode(said(away(*SHORT, *program)))
     # a proportional law lags by speed over gain, 0.2/1.5 m
     assert result["d_err_m"] < 0.15
 

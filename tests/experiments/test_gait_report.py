@@ -7,17 +7,26 @@ import math
 import warnings
 
 import numpy as np
+import pandas as pd
 import pytest
 from experiments.walks import person
 from harness import error_of
 from mecazen.config.people import Body
 from mecazen.errors import MecazenError
 from mecazen.skeleton import JOINTS
-from mecazen_experiments.gait.events import planted
-from mecazen_experiments.gait.formats import MARKERS, trc, write_c3d, y_up
-from mecazen_experiments.gait.parameters import strides
-from mecazen_experiments.gait.report import GPS, Curve, curves, export, norm_curve, variable_scores
+from mecazen_experiments.gait.motion import MEASURED
+from mecazen_experiments.gait.report import (
+    GPS,
+    MARKERS,
+    curves,
+    export,
+    norm_curve,
+    trc,
+    variable_scores,
+    write_c3d,
+)
 from mecazen_experiments.gait.stages import Stage
+from mecazen_experiments.gait.strides import planted, strides
 from mecazen_people.body.files import read
 from mecazen_tools.cli.app import app
 
@@ -32,7 +41,7 @@ def stage():
     """A walk in which one frame has no body."""
     t, joints, _ = person(1.0, duration_s=8.0, rate_hz=50.0)
     events = planted(t, joints)
-    rows = tuple(strides(t, joints, events))
+    rows = strides(t, joints, events)
     joints = joints.copy()
     joints[MISSING] = np.nan
     return Stage(t, joints, events, rows)
@@ -44,21 +53,21 @@ def test_the_norm_passes_through_its_values():
 
 
 def test_curves_of_equal_strides_do_not_vary(stage):
-    by_place = curves(stage)
-    assert set(by_place) == {(s, j) for s in ("left", "right") for j in ("hip", "knee", "ankle")}
+    by_place = dict([*curves(stage).groupby(["side", "joint"])])
+    assert set(by_place) == {(side, joint) for side in ("left", "right") for joint in MEASURED}
     knee = by_place["left", "knee"]
     # the knee is most flexed in swing, and frames of 20 ms blur it by less than 2 deg
-    assert 65 <= np.argmax(knee.mean) <= 80
-    assert knee.sd.max() < 2.0
+    assert 65 <= knee["mean_deg"].argmax() <= 80
+    assert knee["sd_deg"].max() < 2.0
 
 
 def test_scores_are_root_mean_squares_of_distances_from_the_norm():
     off = {"hip": 3.0, "knee": -4.0, "ankle": 12.0}
-    by_place = {
-        ("left", joint): Curve(norm_curve(joint) + by, np.zeros(101), 1)
+    places = [
+        pd.DataFrame({"side": "left", "joint": joint, "mean_deg": norm_curve(joint) + by})
         for joint, by in off.items()
-    }
-    (scores,) = variable_scores(by_place).values()
+    ]
+    (scores,) = variable_scores(pd.concat(places)).values()
     gps = math.sqrt((9.0 + 16.0 + 144.0) / 3.0)
     assert scores == pytest.approx({"hip": 3.0, "knee": 4.0, "ankle": 12.0, GPS: gps})
 
@@ -74,8 +83,8 @@ def test_an_export_has_all_files_of_all_stages(stage, tmp_path):
     }
     with (tmp_path / "walk" / "strides.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [row["side"] for row in rows] == [stride.side for stride in stage.strides]
-    assert float(rows[0]["stride_time_s"]) == stage.strides[0].stride_time_s
+    assert [row["side"] for row in rows] == [*stage.strides["side"]]
+    assert float(rows[0]["stride_time_s"]) == stage.strides["stride_time_s"][0]
     with (tmp_path / "walk" / "curves.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 6 * 101
     summary = json.loads((tmp_path / "walk" / "summary.json").read_bytes())
@@ -101,7 +110,8 @@ def test_a_trc_file_has_the_lines_that_opensim_checks(stage):
     assert lines[5] == ""
     row = lines[6].split("\t")
     assert row[0] == "1"
-    assert list(map(float, row[2:5])) == pytest.approx(y_up(stage.joints[0, 0]), abs=1e-6)
+    x, y, z = stage.joints[0, 0]
+    assert list(map(float, row[2:5])) == pytest.approx([x, z, -y], abs=1e-6)
     assert set(lines[6 + MISSING].split("\t")[2:]) == {"nan"}
 
 
@@ -112,7 +122,7 @@ def test_a_c3d_file_has_joints_and_events(stage, tmp_path):
     late = stage.events.each(lambda times: times + 60.0)
     write_c3d(tmp_path / "walk.c3d", stage.t, stage.joints, late)
     content = ezc3d.c3d(str(tmp_path / "walk.c3d"))
-    assert content["parameters"]["POINT"]["LABELS"]["value"] == list(MARKERS)
+    assert content["parameters"]["POINT"]["LABELS"]["value"] == MARKERS
     assert content["parameters"]["POINT"]["UNITS"]["value"] == ["mm"]
     points = content["data"]["points"][:3].T / 1e3
     # floats of 32 bits hold 5 m in steps of 0.5 µm

@@ -24,27 +24,26 @@ from mecazen_experiments.identify.identification import (
     independent_units,
     run_units,
 )
-from mecazen_experiments.identify.models import ambiguities, estimates, fit, ideal, lateral
+from mecazen_experiments.identify.models import Model, ambiguities, covariance, estimates, fit
 from mecazen_experiments.identify.motors import (
     NAMES,
     identified_motors,
     identify_motors,
     response,
 )
-from mecazen_experiments.identify.simulate import identified_robot, mounted, simulated
+from mecazen_experiments.identify.simulate import identified_robot, simulated
 from mecazen_experiments.identify.validate import split
 from mecazen_experiments.identify.windows import (
     TURNS,
     check_wheels,
     cut,
     drifts,
-    gains,
     ideal_matrix,
     integrated,
     moments,
+    mounted,
     odometry,
     shifted,
-    total,
 )
 from mecazen_physics.motors import MotorModel
 from mecazen_tools.cli.app import app
@@ -54,6 +53,7 @@ from typer.testing import CliRunner
 SAMPLE = ROOT / "examples" / "optiodom"
 """16 runs of the OptiOdom data."""
 OMNI4 = load_table(ROOT / "configs" / "robots" / "omni4.toml", Robot)
+FREE = Model("lateral gain free", OMNI4)
 RADIUS, LEVER, GAIN = 0.031, 0.22, 0.96
 MOUNTED = 0.01, 0.02, -0.03
 """Misalignment [rad] and offset [m] of the reference."""
@@ -100,7 +100,7 @@ def sample():
 
 
 def test_radius_lever_gain_and_mounting_come_out_of_data_without_noise():
-    fitted = fit(lateral(OMNI4), run_units([driven()], 0.0))
+    fitted = fit(FREE, run_units([driven()], 0.0))
     # the middle of a step stands for all of it
     assert fitted.by_name == pytest.approx(
         {
@@ -121,22 +121,12 @@ def test_planted_values_are_within_their_intervals_in_18_of_20_seeds():
     for seed in range(seeds):
         runs = [driven(100 * seed + run, noise_m=0.0003, seconds=40.0) for run in range(2)]
         units = run_units(runs, 0.0)
-        values, lines = estimates(fit(lateral(OMNI4), units), independent_units(runs, units, 0.0))
-        assert lines == ()
+        values = estimates(fit(FREE, units), independent_units(runs, units, 0.0))
         for name, true in planted.items():
             estimate = values[name]
             assert estimate.mean == pytest.approx(true, rel=0.003)
             held[name] += estimate.low < true < estimate.high  # over eight blocks of 10 s
     assert min(held.values()) >= 18
-
-
-def test_models_with_more_parameters_leave_smaller_errors():
-    units = run_units([driven(noise_m=0.0003)], 0.0)
-    errors = [
-        sum(units[0][1].errors(fit(model(OMNI4), units).coefficients("")))
-        for model in (ideal, lateral)
-    ]
-    assert all(more > less for more, less in pairwise(errors))
 
 
 def test_parameters_without_influence_or_with_the_same_influence_are_named():
@@ -146,8 +136,8 @@ def test_parameters_without_influence_or_with_the_same_influence_are_named():
         poses=straight.poses * [1.0, 0.0, 1e-9],
         wheels=np.outer(straight.poses[:, 0], np.ones(4)) / RADIUS,
     )
-    units = run_units([straight], 0.0)
-    _, lines = estimates(fit(lateral(OMNI4), units), units)
+    fitted = fit(FREE, run_units([straight], 0.0))
+    lines = ambiguities([*fitted.by_name], covariance(fitted.slopes))
     assert any(line.startswith("lever_m is not determined") for line in lines)
     spread = np.array([[1e-6, -1e-6, 0.0], [-1e-6, 1e-6, 0.0], [0.0, 0.0, 1.0]])
     assert ambiguities(("tyre_m", "rim_m", "lever_m"), spread) == (
@@ -158,7 +148,7 @@ def test_parameters_without_influence_or_with_the_same_influence_are_named():
 
 def test_drift_is_that_of_odometry_that_starts_at_the_reference():
     run = driven()
-    right = fit(lateral(OMNI4), run_units([run], 0.0)).coefficients("")
+    right = fit(FREE, run_units([run], 0.0)).coefficients("")
     assert np.max(drifts(run, odometry(run, right), 10.0)) < 1e-4
     longer = right.copy()
     longer[:12] *= 1.01
@@ -186,16 +176,15 @@ def test_windows_with_a_gap_are_left_out_and_reported():
     assert gap_lines([gap]) == ["gap.csv: 1 gaps of up to 3.01 s; windows with a gap are left out"]
 
 
-@pytest.mark.parametrize("degrees", [-135, 40, 90])
+@pytest.mark.parametrize("degrees", [-135, 40])
 def test_a_reference_may_be_mounted_at_any_angle(degrees):
     run, turn = driven(noise_m=0.0003, seconds=30.0), math.radians(degrees)
     result = identify(OMNI4, [replace(run, poses=run.poses + np.array([0.0, 0.0, turn]))])
-    values = result.models["lateral gain free"].parameters
+    values = result.parameters[-1]
     for name, expected in {"radius_m": RADIUS, "lever_m": LEVER, "lateral_gain": GAIN}.items():
         assert values[name].mean == pytest.approx(expected, rel=0.003)  # as without a turn
     # the noise moves it by less than 0.1°
     assert values["misalignment_rad"].mean == pytest.approx(turn + MOUNTED[0], abs=0.002)
-    assert result.lateral_gain.mean == pytest.approx(GAIN, rel=0.003)
 
 
 # ---- the recorded robot
@@ -207,28 +196,25 @@ def result(sample):
 
 
 def test_the_recorded_robot_has_the_lateral_gain_of_six_rollers(result):
-    assert result.lateral_gain.mean == pytest.approx(0.954, abs=0.003)
-    assert result.roller_count == 6
-    assert result.geometry.parameters["radius_m"].mean == pytest.approx(0.0306, abs=0.0003)
+    assert result.parameters[-1]["lateral_gain"].mean == pytest.approx(0.954, abs=0.003)
+    assert result.rollers == 6
+    assert result.geometry.by_name["radius_m"] == pytest.approx(0.0306, abs=0.0003)
 
 
 def test_one_radius_fits_circles_and_squares_with_missing_time_made_up_for(sample):
-    shares, radii = [], []
+    radii = []
     for path in ("circular", "square"):
-        runs = [run for run in sample if run.path == path]
-        shares.append(np.mean([run.missing for run in runs]))
-        radii.append(gains(total(map(moments, runs)))[0][0])
-    assert shares == pytest.approx([0.059, 0.094], abs=0.002)
-    # as logged, the radii would differ by the difference of these shares
+        units = run_units([run for run in sample if run.path == path], 0.0)
+        radii.append(fit(FREE, units).by_name["radius_m"])
+    # as logged, the radii would differ by 4 %
     assert radii[1] == pytest.approx(radii[0], rel=0.008)
 
 
 def test_an_identified_robot_turns_in_the_simulation_as_identified(result, sample):
-    parameters = result.geometry.parameters
-    robot = identified_robot(OMNI4, parameters, result.roller_count, sample[0])
+    robot = identified_robot(OMNI4, result, sample[0])
     assert robot.rollers.count == 6
     run = sample[4]  # not the one by which the lever is set
-    lever, radius = (parameters[name].mean for name in ("lever_m", "radius_m"))
+    lever, radius = (result.geometry.by_name[name] for name in ("lever_m", "radius_m"))
     expected = (run.wheels[-1] - run.wheels[0]) @ TURNS * radius / 4.0 / lever
     # the yaw gain depends on the rollers' phases: 1.5 % at most
     assert simulated(robot, run)[-1, 2] == pytest.approx(expected, rel=0.005)
@@ -272,27 +258,6 @@ def test_a_validation_reports_the_drift_of_models_and_of_the_simulation(validate
         assert drift["full physics"] == pytest.approx(geometry, rel=0.2, abs=1.5)
 
 
-def test_the_phases_of_the_rollers_change_how_far_a_robot_turns(sample, validated):
-    """A real robot's are not recorded, so the simulation of a run can't have its very drift."""
-    robot = load_table(validated / "robot.toml", Robot)
-    run, turning = sample[0], 100
-    wheels = run.wheels[500:2500] - run.wheels[500]
-
-    def turned(phases):
-        """Return the yaw of 20 s of a run, after the wheels have turned to other phases."""
-        before = np.linspace(-1.0, 0.0, turning, endpoint=False)[:, None] * phases
-        angles = np.concatenate([before, wheels])
-        times = run.period_s * np.arange(len(angles))
-        part = replace(run, times=times, poses=np.zeros((len(angles), 3)), wheels=angles)
-        yaw = simulated(robot, part)[:, 2]
-        return yaw[-1] - yaw[turning]
-
-    random = np.random.default_rng(1)
-    yaws = np.abs([turned(random.uniform(0.0, np.pi / 3.0, 4)) for _ in range(6)])
-    print(f"yaw of 20 s with other phases: {yaws.max() / yaws.min() - 1.0:.2%}")
-    assert 0.005 < yaws.max() / yaws.min() - 1.0 < 0.1
-
-
 # ---- motors
 
 
@@ -305,9 +270,6 @@ def planted(seed):
         time_constant_s=random.uniform(0.03, 0.12),
         dead_band_rad_s=random.uniform(0.2, 0.6),
         gains=(gains[0], gains[1], gains[2], gains[3]),
-        coulomb_nm=random.uniform(0.05, 0.15),
-        viscous_nms=random.uniform(0.004, 0.01),
-        sag_per_nm=random.uniform(0.0, 0.03),
     )
 
 
@@ -346,39 +308,33 @@ def test_the_response_of_the_fit_is_that_of_the_simulation():
     for command in commands:
         model.give(command)
         speeds.append(model.step(1.0))
-    values = np.array([0.0234, 0.07, 0.4, 0.0, *motors.gains])
-    ends, _ = response(values, MotorLog(TICK_S, commands, commands, None))
+    values = np.array([0.0234, 0.07, 0.4, *motors.gains])
+    ends, _ = response(values, MotorLog(TICK_S, commands, commands))
     assert ends == pytest.approx(np.array(speeds), abs=1e-9)
 
 
-def test_the_mean_speed_is_the_integral_of_the_response():
-    values = np.array([0.0234, 0.07, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    commands = np.repeat(np.random.default_rng(1).normal(0.0, 3.0, (20, 4)), 100, axis=0)
-    ends, _ = response(values, MotorLog(TICK_S / 100, commands, commands, None))
-    _, means = response(values, MotorLog(TICK_S, commands[::100], commands[::100], None))
-    # a sum of 100 ends of a step of 0.1 ms for the integral
-    assert means == pytest.approx(ends.reshape(20, 100, 4).mean(axis=1), abs=0.02)
-
-
-def test_motors_without_efforts_have_neither_friction_nor_sag():
-    values = np.array([0.03, 0.08, 0.3, 0.0, 1.0, 1.0, 1.0, 1.0])
+def test_motors_come_out_of_commands_and_mean_speeds():
+    values = np.array([0.0234, 0.08, 0.3, 1.0, 1.0, 1.1, 1.0])
     commands = np.repeat(np.random.default_rng(1).normal(0.0, 3.0, (60, 4)), 20, axis=0)
-    _, means = response(values, MotorLog(TICK_S, commands, commands, None))
-    parameters, lines = identify_motors([MotorLog(TICK_S, commands, means, None)])
+    fine = np.repeat(commands, 100, axis=0)
+    ends, _ = response(values, MotorLog(TICK_S / 100, fine, fine))
+    means = ends.reshape(len(commands), 100, 4).mean(axis=1)
+    parameters, lines = identify_motors([MotorLog(TICK_S, commands, means)])
     assert lines == ()
-    assert set(parameters) == {*NAMES} - {"sag_per_nm"}
-    again = identified_motors(parameters)
-    assert (again.delay_s, again.time_constant_s, again.dead_band_rad_s) == pytest.approx(
-        (0.03, 0.08, 0.3), rel=1e-3
-    )
+    # ends of steps of 0.1 ms are half a step early
+    means = [parameters[name].mean for name in NAMES]
+    assert means == pytest.approx(values.tolist(), rel=2e-3, abs=1e-4)
+    motors = identified_motors(RealMotors(sag_per_nm=0.01), parameters)
+    assert motors.sag_per_nm == 0.01
+    assert motors.delay_s == pytest.approx(0.0234, abs=1e-4)
 
 
 def test_parameters_that_a_single_command_leaves_open_are_named():
     command = np.full((500, 4), 3.0)
-    _, lines = identify_motors([MotorLog(TICK_S, command, command, None)])
+    _, lines = identify_motors([MotorLog(TICK_S, command, command)])
     assert "dead_band_rad_s" in " ".join(lines)
-    _, lines = identify_motors([MotorLog(TICK_S, 0.0 * command, 0.0 * command, None)])
-    assert len(lines) == len(NAMES) - 1
+    _, lines = identify_motors([MotorLog(TICK_S, 0.0 * command, 0.0 * command)])
+    assert len(lines) == len(NAMES)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -392,14 +348,7 @@ def test_planted_motors_come_out_of_a_recording_and_are_in_the_robot_file(seed, 
     assert fitted.delay_s == pytest.approx(motors.delay_s, abs=0.002)
     assert fitted.time_constant_s == pytest.approx(motors.time_constant_s, rel=0.05)
     assert fitted.dead_band_rad_s == pytest.approx(motors.dead_band_rad_s, rel=0.1)
-    assert fitted.sag_per_nm == pytest.approx(motors.sag_per_nm, abs=0.003)
     assert fitted.gains == pytest.approx(motors.gains, rel=0.005)
-    # friction at the mean speed of the excitation, and each part of it
-    middle = 4.0
-    assert fitted.coulomb_nm + middle * fitted.viscous_nms == pytest.approx(
-        motors.coulomb_nm + middle * motors.viscous_nms, rel=0.1
-    )
-    assert fitted.coulomb_nm == pytest.approx(motors.coulomb_nm, rel=0.1)
 
 
 # ---- files
@@ -417,42 +366,33 @@ def test_csv_columns_are_read_by_name_and_times_since_1970(tmp_path):
     assert [name.removesuffix("_rad") for name in data.COLUMNS[4:]] == list(WHEELS)
 
 
-def swapped(run, *order):
-    return replace(run, wheels=run.wheels[:, order])
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: swapped(r, 1, 0, 2, 3), "do not explain the reference's motion; check that"),
-        (lambda r: swapped(r, 0, 1, 3, 2), "do not explain the reference's motion"),
-        (lambda r: replace(r, wheels=-r.wheels), "do not explain the reference's motion"),
-        (lambda r: replace(r, wheels=r.wheels * [1, -1, 1, 1]), "do not explain"),
-        (lambda r: replace(r, wheels=np.sin(r.wheels)), "do not explain the reference's motion"),
-        (lambda r: replace(r, wheels=np.degrees(r.wheels)), "wheels of radius 0.00052"),
-        (lambda r: replace(r, poses=r.poses * [1, 1, 57.3]), "do not explain"),
-        (lambda r: replace(r, poses=0.0 * r.poses), "the reference must move and turn"),
+        (lambda r: {"wheels": r.wheels[:, [1, 0, 2, 3]]}, "do not explain the reference's motion"),
+        (lambda r: {"wheels": -r.wheels}, "do not explain"),
+        (lambda r: {"wheels": r.wheels * [1, -1, 1, 1]}, "do not explain"),
+        (lambda r: {"wheels": np.degrees(r.wheels)}, "wheels of radius 0.00052"),
+        (lambda r: {"poses": r.poses * [1, 1, 57.3]}, "do not explain"),
+        (lambda r: {"poses": 0.0 * r.poses}, "the reference must move and turn"),
     ],
 )
 def test_wrong_columns_of_wheels_are_refused(change, message):
     run = driven(noise_m=0.0003)
     check_wheels("good", moments(run), OMNI4)
     with pytest.raises(ConfigError, match=f"^bad: .*{message}"):
-        check_wheels("bad", moments(change(run)), OMNI4)
+        check_wheels("bad", moments(replace(run, **change(run))), OMNI4)
 
 
-def cell(row, column, value):
-    return lambda table: table[row].__setitem__(column, value)
+def changed(row, column, value):
+    """Return a change of a cell, or of a column by its values."""
 
+    def change(table):
+        rows = range(len(table)) if row is None else [row]
+        for number in rows:
+            table[number][column] = value(number) if callable(value) else value
 
-def degrees(table):
-    for number, row in enumerate(table):
-        row[3] = 179.0 - 359.0 * (number % 2)
-
-
-def thousand_times(table):
-    for row in table:
-        row[0] *= 1e3
+    return change
 
 
 @pytest.mark.parametrize(
@@ -460,20 +400,17 @@ def thousand_times(table):
     [
         (lambda t: [row.pop() for row in t], "must have rows with 8 columns"),
         (lambda t: t[4].pop(), "number of columns changed from 8 to 7 at row 5"),
-        (cell(4, 2, "x"), "could not convert string 'x' to float64 at row 4, column 3"),
-        (cell(4, 2, "nan"), "pose of sample 5 is not a finite number; 1 of 100"),
-        (cell(4, 7, "inf"), "wheels of sample 5 is not a finite number; 96 of"),
-        (cell(4, 0, 0.0), "time must increase, but sample 5 is at 0 s after 0.03"),
-        (degrees, "yaw jumps by 360: it must be in radians, not degrees"),
-        (
-            thousand_times,
-            "has a sample every 10 s; at most 0.25 s is allowed, with time in seconds",
-        ),
+        (changed(4, 2, "x"), "could not convert string 'x' to float64 at row 4, column 3"),
+        (changed(4, 2, "nan"), "pose of sample 5 is not a finite number; 1 of 100"),
+        (changed(4, 7, "inf"), "wheels of sample 5 is not a finite number; 96 of"),
+        (changed(4, 0, 0.0), "time must increase, but sample 5 is at 0 s after 0.03"),
+        (changed(None, 3, lambda k: 179 - 359 * (k % 2)), "yaw jumps by 360: it must be in rad"),
+        (changed(None, 0, lambda k: 10 * k), "every 10 s; at most 0.25 s is allowed, with time in"),
         (lambda t: t.__delitem__(slice(20, None)), "has 20 samples; at least 50 are needed"),
         (lambda t: t.clear(), "must have rows with 8 columns"),
     ],
 )
-def test_a_hostile_table_is_refused_in_one_line(tmp_path, change, message):
+def test_a_wrong_table_is_refused_in_one_line(tmp_path, change, message):
     session = tmp_path / "circular_1"
     session.mkdir()
     (session / "metadata.csv").write_text("type,omni4\n")
@@ -495,9 +432,7 @@ ODOMETRY = "gt_ti,0\ngt_tf,{}\nodo_ti,0\nodo_tf,{}\n"
         ({}, "no session: a folder with metadata.csv"),
         ({"metadata.csv": b"a,b\n"}, r"no run-\*\.csv"),
         ({"metadata.csv": b"a,b\n", "run-01.csv.gz": b"\x1f\x8b\x08garbage"}, "can't be read"),
-        ({"metadata.csv": b"a,b\n", "run-01.csv.gz": gzip.compress(b"\xff\xfe")}, "can't be read"),
         ({"metadata.csv": ODOMETRY.format(100, 10).encode()}, "durations of run 1: .* is 10; it"),
-        ({"metadata.csv": ODOMETRY.format("ten", 10).encode()}, "durations of run 1"),
         ({"metadata.csv": ODOMETRY.format(10, 0).encode()}, "durations of run 1"),
         ({"drive.csv": b"time_s,x\n0,1\n"}, r"drive\.csv: no column 'x_m'; its columns are tim"),
         ({"drive_0.db3": b"SQLite\0\xff"}, r"drive_0\.db3: can't be read as CSV.*; a bag of ROS m"),

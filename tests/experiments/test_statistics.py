@@ -4,13 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from mecazen_experiments.statistics import (
-    Interval,
-    jackknife,
-    mean_interval,
-    most_per_hour,
-    share_interval,
-)
+from mecazen_experiments.statistics import jackknife, most_per_hour, share_interval
+from mecazen_tools.statistics import Interval, mean_interval, paired_difference
 
 
 def normal(seed, n=30, mean=2.0, deviation=1.0):
@@ -90,3 +85,9 @@ def test_the_limit_of_a_rate_is_that_of_the_published_table(events, most):
     # one-sided 95 % limits of Poisson's distribution, Garwood 1936
     assert most_per_hour(events, 1.0) == pytest.approx(most, abs=5e-4)
     assert most_per_hour(events, 4.0) == pytest.approx(most / 4.0, abs=5e-4)
+
+
+def test_a_difference_is_taken_seed_by_seed_where_both_have_it():
+    before = {1: 1.0, 2: 5.0, 3: 100.0}
+    after = {2: 5.5, 1: 1.5, 4: -100.0}
+    assert paired_difference(before, after) == Interval(mean=0.5, low=0.5, high=0.5, n=2)

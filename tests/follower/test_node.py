@@ -37,9 +37,9 @@ PROPORTIONAL = PidControl(_LINEAR, _LINEAR, AngularGains(kp=1.0, ki=0.0, limit=2
 class Follower(Steps):
     """Uses observations unfiltered, and drives at 1 m/s for each metre by default."""
 
-    def __init__(self, tick_s=None, latency_s=0.0, kind="pose", **settings):
+    def __init__(self, tick_s=None, latency_s=0.0, kind="pose", fov_deg=360.0, **settings):
         config = FollowerConfig(**{"estimator": "none", "control": PROPORTIONAL, **settings})
-        sensor = SensorConfig(kind=kind, latency_s=latency_s)
+        sensor = SensorConfig(kind=kind, latency_s=latency_s, fov_deg=fov_deg)
         scenario = Scenario(robot=NEXUS, sensor=sensor, follower=config)
         super().__init__(FollowerNode, scenario, tick_s)
 
@@ -131,6 +131,37 @@ def test_waiting_following_coasting_lost_and_following_again():
         assert command == pytest.approx((0.5 if is_driven else 0.0, 0.0, 0.0)), tick
     assert steps[50][1].last_seen_s == pytest.approx(0.3)
     assert steps[120][1].last_seen_s == 0.0
+
+
+ELSEWHERE = (m.PoseWithCovariance(m.Pose.planar(Pose2D(4.0, 4.0))),)
+
+
+@pytest.mark.parametrize(
+    ("last", "frame", "reason"),
+    [
+        (AHEAD, m.Observation(reason=m.Unseen.WALL), "hidden by a wall"),
+        (AHEAD, m.Observation(reason="lens cap on"), "lens cap on"),  # of a real sensor
+        (AHEAD, m.Observation(poses=ELSEWHERE, reason=m.Unseen.PERSON), "hidden by another person"),
+        (AHEAD, m.Observation(poses=ELSEWHERE), "only implausible detections"),
+        (AHEAD, None, "no frames from the sensor"),
+        # without a reason of the sensor, by its field of view of 40° and its range of 10 m
+        (AHEAD, m.Observation(), "not in the sensor's frames"),
+        (Pose2D(1.0, 1.0), m.Observation(), "out of view to the left"),
+        (Pose2D(1.0, -1.0), m.Observation(), "out of view to the right"),
+        (Pose2D(10.5), m.Observation(), "out of range"),
+    ],
+)
+def test_the_state_gives_the_reason_of_a_loss(last, frame, reason):
+    follower = Follower(estimator="imm", fov_deg=40.0, lost_after_s=0.5)
+    for tick in range(0, 40, 4):
+        _, state = follower.tick(tick, person=last, noise=diagonal_covariance((1e-4,) * 6))
+    assert (state.tracking, state.reason) == ("following", "")
+    for tick in range(40, 100):
+        samples = {} if frame is None or tick % 4 else {"observation": frame}
+        _, state = follower.tick(tick, topic=keys.LEGS, **samples)  # legs are not this sensor's
+        assert state.reason == ("" if state.tracking == "following" else reason), tick
+    assert state.tracking == "lost"
+    assert follower.node.diagnostics()["reason"] == reason
 
 
 @pytest.mark.parametrize("latency", [3, 600])  # 6 s: longer than odometry is kept otherwise
@@ -299,15 +330,6 @@ def test_settings_left_out_keep_their_defaults():
     config = msgspec.convert(table, FollowerConfig)
     assert config.control == PidControl(x=LinearGains(kp=1.0))
     assert msgspec.convert(msgspec.to_builtins(config), FollowerConfig) == config
-
-
-@pytest.mark.parametrize(
-    ("view", "standoff_m", "warns"),
-    [("side_left", 1.0, True), ("side_left", 1.2, False), ("back", 1.0, False)],
-)
-def test_a_camera_too_near_beside_a_person_is_warned_about(caplog, view, standoff_m, warns):
-    Follower(kind="fused", view=view, standoff_m=standoff_m)
-    assert ("both shoulders" in caplog.text) == warns
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,35 @@ def test_waypoints_are_passed_in_order_and_the_last_is_held():
     assert path.at(path.duration + 9.0).twist == Twist2D()
 
 
+def test_a_person_turns_at_the_end_and_walks_back():
+    path = make_path(Straight(length_m=2.0, speed_m_s=0.5, start_after_s=1.0, back_and_forth=True))
+    assert path.duration == math.inf
+    # 4 s there, 2 s of turning to the left, 4 s back, 2 s of turning
+    for t, pose, twist, distance in [
+        (3.0, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0), 1.0),
+        (6.0, (2.0, 0.0, math.pi / 2), (0.0, 0.0, math.pi / 2), 2.0),
+        (8.0, (1.5, 0.0, math.pi), (0.5, 0.0, 0.0), 2.5),
+        (12.0, (0.0, 0.0, -math.pi / 2), (0.0, 0.0, math.pi / 2), 4.0),
+        (14.0, (0.5, 0.0, 0.0), (0.5, 0.0, 0.0), 4.5),
+    ]:
+        motion = path.at(t)
+        # Sums of a few rounded numbers below 10.
+        assert motion.pose == pytest.approx(pose, abs=1e-12)
+        assert motion.twist == pytest.approx(twist, abs=1e-12)
+        assert motion.distance == pytest.approx(distance, abs=1e-12)
+
+
+def test_on_the_way_back_the_twist_is_the_derivative_of_the_pose():
+    path = make_path(Waypoints(points_m=POINTS, speed_m_s=1.0, back_and_forth=True))
+    there = make_path(Waypoints(points_m=POINTS, speed_m_s=1.0))
+    for k in range(50):
+        t = there.duration + 2.0 + 0.02 + 0.9 * k * there.duration / 50
+        now, measured, _ = differences(path, None, t, 1e-4)
+        assert now.twist == pytest.approx(measured, abs=5e-5)  # as for all twists
+        before = there.at(2.0 * there.duration + 2.0 - t).pose
+        assert now.pose == pytest.approx((*before[:2], wrap(before.yaw + math.pi)), abs=1e-9)
+
+
 @pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
 @pytest.mark.parametrize("name", PATHS)
 def test_twist_is_the_derivative_of_the_pose(name, gait):

@@ -12,9 +12,8 @@ from harness import load_robot
 from mecazen.geometry import Twist2D
 from mecazen.links import robot_links
 from mecazen.robot import RealMotors, Robot
-from mecazen.rollers import Roller
+from mecazen.rollers import Roller, lateral_gain
 from mecazen.wheels import WheelCommand
-from mecazen_bench.engine import lateral_gain
 from mecazen_physics.motors import MotorModel
 from mecazen_physics.world import GRAVITY
 from physics_rig import Rig, masses, wheel_speeds
@@ -60,7 +59,7 @@ def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus)
     roller = Roller.from_robot(nexus)
     arc = np.linspace(-roller.half_arc, roller.half_arc, 101)
     radius = roller.wheel_radius - roller.axis_distance / np.cos(arc)
-    spin = LEFT.y * lateral_gain(nexus) / math.sin(roller.angle) / radius
+    spin = LEFT.y * lateral_gain(roller.count) / math.sin(roller.angle) / radius
     handovers = roller.count * wheel_speeds(nexus, LEFT)[1] / (2.0 * math.pi)
     # A roller stops before it meets the ground again: half of what spins it up goes into skid.
     spin_up = roller.inertia[1] * np.mean(spin**2) * handovers

@@ -1,4 +1,4 @@
-"""A recorded run as a figure; tests/system compares it with the figure of the run."""
+"""A recorded run as a trajectory; tests/system compares it with that of the run."""
 
 import pytest
 from harness import SCENARIOS, error_of
@@ -7,11 +7,12 @@ from mecazen.loading import load_scenario, to_toml
 from mecazen.messages import Time, Twist, planar_odometry
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError, RecordingWriter
-from mecazen_tools.recorded_figure import figure
-from mecazen_tools.run_figure import VELOCITIES
+from mecazen_tools.recorded import trajectory_of
+from mecazen_tools.run_figure import ERRORS, VELOCITIES, courses, draw
 from recorder.ticks import stamp_of
 
 TICKS = range(3)
+BODIES = "ground_truth/odom", "target/odom"
 
 
 @pytest.fixture
@@ -37,18 +38,23 @@ def odometry(key, number):
     return planar_odometry(Time(), "world", "base_link", place, Twist2D(0.5))
 
 
-def test_without_a_follower_no_goal_is_drawn(record):
-    path = record(load_scenario(SCENARIOS / "teleop.toml"), "ground_truth/odom")
-    drawn = figure(Recording(path), None)
-    assert drawn.axes[0].get_title() == "run.mcap, run 7, seed 3"
-    assert [axes.get_ylabel() for axes in drawn.axes] == ["y [m]", *VELOCITIES]
-    assert drawn.axes[1].lines[1].get_ydata() == pytest.approx([0.25])  # commanded, not stamped
-    assert drawn.axes[2].get_ylim() == (-0.1, 0.1)  # sideways, where nothing moves
+@pytest.mark.parametrize(
+    ("keys", "panels"),
+    [(("ground_truth/odom",), VELOCITIES), (BODIES, {**ERRORS, **VELOCITIES})],
+)
+def test_panels_are_those_of_what_was_recorded(keys, panels, record):
+    run = trajectory_of(Recording(record(load_scenario(SCENARIOS / "teleop.toml"), *keys)))
+    assert (run.run, run.scenario.seed) == (7, 3)
+    _, *drawn = draw(courses(run), run.scenario, "").axes
+    assert [axes.get_ylabel() for axes in drawn] == [*panels]
+    ahead, sideways, _ = drawn[-3:]
+    assert ahead.lines[1].get_ydata() == pytest.approx([0.25])  # commanded, not stamped
+    assert sideways.get_ylim() == (-0.1, 0.1)  # where nothing moves
 
 
 def test_missing_data_of_a_figure_is_one_line(record, tmp_path):
     def problem(path, run=None):
-        return error_of(RecordingError, lambda: figure(Recording(path), run))
+        return error_of(RecordingError, lambda: trajectory_of(Recording(path), run))
 
     empty, cut = tmp_path / "empty.mcap", tmp_path / "cut.mcap"
     RecordingWriter(empty).close()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mecazen.config import WorldConfig
 from mecazen.config.sensors import TrackerConfig
-from mecazen.config.world import Cylinder
+from mecazen.config.world import Box, Cylinder, Wall
 from mecazen.geometry import Pose2D
-from mecazen.messages import Skeletons, Time
+from mecazen.messages import Skeletons, Time, Unseen
 from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import decode, encode
@@ -37,9 +37,10 @@ def seen_from(view_deg, distance=1.8):
 class Watch:
     """A robot that watches people."""
 
-    def __init__(self, robot, *obstacles, seed=0, people=1, **settings):
+    def __init__(self, robot, *obstacles, seed=0, people=1, walls=(), **settings):
         self.robot, self.number = robot, 0
-        self.scene = RayScene(WorldConfig(obstacles=obstacles), [NEXUS], people)
+        world = WorldConfig(obstacles=obstacles, walls=walls)
+        self.scene = RayScene(world, [NEXUS], people)
         self.scene.place_robot(0, robot)
         self.tracker = BodyTracker(TrackerConfig(**settings), MOUNT, seed, FRAME_S)
 
@@ -121,9 +122,37 @@ def test_a_person_is_reported_if_the_pelvis_is_visible():
     assert len(two.frame(body(), body(pose=(-0.8, 1.0, 0.0))).skeletons) == 2
 
 
+PILLAR = Cylinder(size_m=(0.25, 2.0), position_m=(1.2, 0.0))
+FAR_BOX = Box(size_m=(1.0, 1.0, 1.0), position_m=(9.0, 9.0))
+WALL = Wall(points_m=((0.8, -1.0), (0.8, 1.0)))
+AHEAD = seen_from(FRONT, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("robot", "solids", "bystander", "reason"),
+    [
+        (AHEAD, [], (-5.0, 5.0), ""),
+        (AHEAD._replace(yaw=math.pi / 2), [], (-5.0, 5.0), Unseen.LEFT),
+        (AHEAD._replace(yaw=-math.pi / 2), [], (-5.0, 5.0), Unseen.RIGHT),
+        (seen_from(FRONT, 4.2), [], (-5.0, 5.0), Unseen.TOO_FAR),
+        (seen_from(FRONT, 0.15), [], (-5.0, 5.0), Unseen.TOO_NEAR),
+        (seen_from(FRONT, 0.5), [], (-5.0, 5.0), Unseen.SHOULDERS),
+        (AHEAD, [FAR_BOX, PILLAR, WALL], (-5.0, 5.0), Unseen.CYLINDER),
+        (AHEAD, [FAR_BOX, WALL], (-5.0, 5.0), Unseen.WALL),
+        (AHEAD, [FAR_BOX], (0.4, 0.0), Unseen.PERSON),
+    ],
+)
+def test_a_frame_gives_the_reason_why_the_person_is_missing(robot, solids, bystander, reason):
+    walls = [solid for solid in solids if solid is WALL]
+    obstacles = [solid for solid in solids if solid is not WALL]
+    watch = Watch(robot, *obstacles, walls=walls, people=2, **EXACT)
+    frame = watch.frame(body(), body(pose=(*bystander, 0.0)))
+    assert frame.reason == reason
+    assert len(frame.skeletons) == (reason in ("", Unseen.PERSON))
+
+
 def test_a_long_occlusion_ends_an_identity():
-    pillar = Cylinder(size_m=(0.25, 2.0), position_m=(1.2, 0.0))
-    watch = Watch(seen_from(FRONT, 2.5), pillar, **{**EXACT, "identity_memory_s": 0.3})
+    watch = Watch(AHEAD, PILLAR, **{**EXACT, "identity_memory_s": 0.3})
 
     def names(frames, y):
         walker = body(pose=(0.0, y, 0.0))
@@ -135,8 +164,10 @@ def test_a_long_occlusion_ends_an_identity():
 
 def test_an_occluded_camera_sees_no_one_for_a_while():
     watch = Watch(seen_from(BACK), occlusions_s=((0.1, 0.3),))
-    names = [[s.id for s in watch.frame(walking(k * FRAME_S)).skeletons] for k in range(12)]
+    frames = [watch.frame(walking(k * FRAME_S)) for k in range(12)]
+    names = [[s.id for s in frame.skeletons] for frame in frames]
     assert names == [["1"]] * 3 + [[]] * 5 + [["1"]] * 4  # 0.12 to 0.28 s
+    assert [frame.reason for frame in frames] == [""] * 3 + [Unseen.BLIND] * 5 + [""] * 4
 
 
 def test_white_noise_and_drift_have_the_reported_spread():

@@ -102,11 +102,11 @@ def test_ctrl_c_keeps_a_run_and_no_file_is_overwritten(here, monkeypatch, tmp_pa
     def interrupt(done):
         raise KeyboardInterrupt  # at the first progress, after 100 ticks
 
-    monkeypatch.setattr(simulate, "_progress", lambda *_: nullcontext(interrupt))
+    monkeypatch.setattr(simulate, "progress", lambda *_: nullcontext(interrupt))
     csv, png = tmp_path / "run.csv", tmp_path / "run.png"
     run = ("simulate", "back", "--trajectory", csv, "--plot", png)
     done = here(*run)
-    assert (done.returncode, done.stderr) == (130, "interrupted after 1 of 85 s\n")
+    assert (done.returncode, done.stderr) == (130, "interrupted after 1 of 82 s\n")
     assert png.stat().st_size > 0
     assert len(csv.read_text().splitlines()) == 1 + 100
     assert_one_line(here(*run), 1, "run.csv", "exists already")

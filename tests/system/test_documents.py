@@ -16,6 +16,7 @@ from harness import (
     SCENARIOS,
     Command,
     Newest,
+    assert_one_line,
     endpoint_of,
     load_robot,
     mecazen,
@@ -30,9 +31,9 @@ from mecazen_tools.processes import free_port, private_router
 from mecazen_tools.simulation import Simulation
 
 README = (ROOT / "README.md").read_text()
-QUICKSTART, EXTEND, TROUBLESHOOTING, HARDWARE = (
+QUICKSTART, EXTEND, TROUBLESHOOTING, HARDWARE, EXPERIMENTS = (
     (ROOT / "docs" / f"{page}.md").read_text()
-    for page in ("quickstart", "extend", "troubleshooting", "hardware")
+    for page in ("quickstart", "extend", "troubleshooting", "hardware", "experiments")
 )
 BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 
@@ -48,11 +49,53 @@ def write_files(page, folder):
         (folder / name).write_text(text)
 
 
+# templates
+
+SHOWN = {
+    "my_follower.py": (README, QUICKSTART),
+    "my_sensor.py": (EXTEND,),
+    "my_robot.toml": (EXTEND,),
+    "my_study.toml": (EXPERIMENTS,),
+}
+
+
+def test_the_templates_are_the_examples_that_the_documents_show():
+    files = {file.name: file.read_text() for file in (ROOT / "examples" / "new").iterdir()}
+    assert SHOWN.keys() <= files.keys()
+    for name, pages in SHOWN.items():
+        assert all(f"\n{files[name]}```" in page for page in pages), name
+
+
+@pytest.mark.parametrize("kind", ["follower", "sensor", "robot", "study"])
+def test_a_new_file_runs_by_the_commands_that_are_printed(kind, tmp_path):
+    done = mecazen("new", kind, f"lead_{kind}", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    (file,) = tmp_path.iterdir()
+    assert not re.search(rf"my_{kind}|My{kind.title()}", file.read_text())
+    first, *commands = done.stdout.splitlines()
+    assert first == f"{file.name}: written; next:"
+    for command in commands:
+        words = shlex.split(command.replace("mecazen up", "mecazen simulate"))[1:]
+        short = SHORTER.get(words[0], ("--duration", "2"))
+        ran = mecazen(*words, *short, folder=tmp_path)
+        assert ran.returncode == 0, ran.stderr
+    again = mecazen("new", kind, f"lead_{kind}", folder=tmp_path)
+    assert_one_line(again, 2, file.name, "exists already")
+
+
+SHORTER = {
+    "compare": ("--seeds", "1", "--duration", "2"),
+    "experiment": ("--seeds", "1", "--only", "case=circle", "--set", "sim.duration_s=2.0"),
+}
+
+
+def test_the_scenarios_are_listed_with_a_sentence():
+    shown = mecazen("scenarios").stdout
+    for file in SCENARIOS.glob("*.toml"):
+        assert re.search(rf"│ {file.stem} +│ [A-Z]\w* ", shown), file
+
+
 # README
-
-
-def test_the_example_shown_is_the_example_that_is_tested():
-    assert (ROOT / "examples" / "my_follower.py").read_text().rstrip() in README
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/api/simulation.md"])
@@ -93,9 +136,8 @@ ASKS_A_RUNNING_SCENARIO = {"echo", "status", "pub", "sim"}
 def quickstart(tmp_path_factory):
     """The files of the page."""
     folder = tmp_path_factory.mktemp("quickstart")
-    blocks = dict(BLOCK.findall(SECTIONS["Write a follower"]))
-    (folder / "my_follower.py").write_text(blocks["python"])
-    (folder / "my_follower.toml").write_text(blocks["toml"])
+    ((commands, shown), *_) = steps("Write a follower")
+    assert_shown(run(commands, folder), shown)
     return folder
 
 
@@ -150,7 +192,7 @@ def test_a_scenario_starts_and_answers_the_commands_of_another_terminal(section,
     assert code == 0
 
 
-@pytest.mark.parametrize("section", ["Score it", "Record and replay"])
+@pytest.mark.parametrize("section", ["Compare it", "Record and replay"])
 def test_the_follower_of_the_page_gives_the_scores_that_are_shown(section, quickstart):
     ((commands, shown),) = steps(section)
     assert_shown(run(commands, quickstart), shown)
@@ -160,6 +202,7 @@ def test_the_follower_of_the_page_gives_the_scores_that_are_shown(section, quick
 
 LINES = re.findall(r"^\| `((?:error|warning): .*?)` \|", TROUBLESHOOTING, re.MULTILINE)
 NOBODY = ("--connect", f"tcp/127.0.0.1:{free_port()}")
+BRIEF = ("simulate", "back", "--duration", "0.1", "--set")
 MISTAKES = {
     "no such scenario": ("simulate", "nosuch"),
     "did you mean standoff_m": ("simulate", "back", "--set", "follower.standof_m=1"),
@@ -170,6 +213,8 @@ MISTAKES = {
     "did you mean odom": (*NOBODY, "echo", "odmo", "--count", "1"),
     "not a geometry_msgs": (*NOBODY, "pub", "cmd_vel", '{"linear":{"x":"a"}}'),
     "linear.q is ignored": (*NOBODY, "pub", "cmd_vel", '{"linear":{"x":0.1,"q":1}}'),
+    "shoulders": (*BRIEF, "sensor.kind=body", "--set", "robot.camera.pitch_deg=0"),
+    "faster than the robot": (*BRIEF, "target.path.speed_m_s=2.5"),
     "picture's name": ("simulate", "back", "--plot", "x.gif"),
     "can't be read": ("info", "none.mcap"),
 }
@@ -187,17 +232,19 @@ def test_a_mistake_prints_a_line_of_the_page(words, tmp_path):
 
 SHELL = "\n".join(block for kind, block in BLOCK.findall(EXTEND) if kind == "sh")
 COMMANDS = [line for line in SHELL.splitlines() if line]
+RUN = [line for line in COMMANDS if not re.match("mecazen (up|new)", line)]
 
 
 @pytest.fixture(scope="module")
 def extend(tmp_path_factory):
-    """The files of the page."""
+    """The files of the page, and those that it makes by `mecazen new`."""
     folder = tmp_path_factory.mktemp("extend")
     write_files(EXTEND, folder)
+    run([shlex.split(line) for line in COMMANDS if " new " in line], folder)
     return folder
 
 
-@pytest.mark.parametrize("line", [line for line in COMMANDS if "mecazen up" not in line])
+@pytest.mark.parametrize("line", RUN)
 def test_a_command_of_the_page_works(extend, line):
     words = shlex.split(line)[1:]
     short = ("--set", "sim.duration_s=1.0") if words[0] == "simulate" else ()

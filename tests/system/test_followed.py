@@ -1,10 +1,11 @@
 """The follower in whole runs: it catches up, withstands faults of its sensor, and plans."""
 
 import math
+import re
 
 import numpy as np
 import pytest
-from harness import SCENARIOS, load_robot
+from harness import SCENARIOS, load_robot, mecazen, options
 from mecazen import keys
 from mecazen.config import Scenario
 from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
@@ -13,7 +14,10 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
 from mecazen.wheels import MecanumKinematics
 from mecazen_follower.planner.mppi import roll
+from mecazen_recorder.reader import Recording
 from mecazen_tools.observe import observe
+from mecazen_tools.recorded import trajectory_of
+from mecazen_tools.run_figure import courses, draw
 from mecazen_tools.table import deviations, first_motion
 
 PLANE = {"programs.physics": "mecazen_tools.plane:Plane"}
@@ -158,3 +162,22 @@ def test_a_rollout_keeps_to_the_limits_of_the_controller(deceleration):
         # the controller turns the command as the robot turns, a rollout once a step
         assert (path.x[k, 0], path.y[k, 0]) == pytest.approx((pose.x, pose.y), abs=0.03)
         assert math.atan2(path.s[k, 0], path.c[k, 0]) == pytest.approx(pose.yaw, abs=0.05)
+
+
+def test_a_loss_is_explained_at_load_in_the_scores_the_recording_and_the_picture(tmp_path):
+    reason = "shoulders not in the camera's view"
+    path = tmp_path / "run.mcap"
+    settings = (
+        "sensor.kind=body",
+        "robot.camera.pitch_deg=0",
+        *(f"{k}={v}" for k, v in PLANE.items()),
+    )
+    done = mecazen("simulate", "back", "--duration", "20", "--record", path, *options(settings))
+    assert done.stderr.startswith(f"warning: follower.standoff_m = 1: {reason}; that takes ")
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("lost "))
+    assert re.fullmatch(rf"lost \d+% of the time: {reason}", line)
+    assert f"  robot: {line}\n" in mecazen("info", path).stdout
+    run = trajectory_of(Recording(path))
+    figure = draw(courses(run), run.scenario, "")
+    assert figure.get_supxlabel() == line
+    assert {"coasting", "lost"} <= {text.get_text() for text in figure.legends[0].get_texts()}

@@ -18,6 +18,7 @@ from mecazen_tools.simulate import collect, simulate, simulate_distributed
 
 SCENARIO_NAMES = sorted(path.stem for path in SCENARIOS.glob("*.toml"))
 SHORT = ("sim.duration_s=2.0",)
+NEW = ROOT / "examples" / "new"
 HARD = (
     "sensor.dropout_probability=0.2",
     "sensor.occlusions_s=[[2.5, 4.0]]",
@@ -45,8 +46,7 @@ CLOSE = (
 
 
 def path_of(scenario: str) -> Path:
-    folder = SCENARIOS if scenario in SCENARIO_NAMES else ROOT / "examples"
-    return folder / f"{scenario}.toml"
+    return SCENARIOS / f"{scenario}.toml"
 
 
 @cache
@@ -62,7 +62,9 @@ def many_processes(scenario: str, *settings: str) -> str:
 @pytest.mark.parametrize(
     ("scenario", "settings"),
     [
-        *((name, SHORT) for name in (*SCENARIO_NAMES, "my_follower", "range_sensor")),
+        *((name, SHORT) for name in SCENARIO_NAMES),
+        ("back", (*SHORT, f"programs.follower={NEW}/my_follower.py:MyFollower")),
+        ("back", (*SHORT, f"programs.my_sensor={NEW}/my_sensor.py:MySensor")),
         ("side", HARD),
         ("convoy", CLOSE),
     ],

@@ -3,7 +3,6 @@
 import tomllib
 from collections import Counter
 
-import numpy as np
 import pytest
 from harness import assert_one_line, mecazen, options
 from mecazen import Simulation, keys
@@ -12,8 +11,7 @@ from mecazen.graph import rows
 from mecazen.messages import GuardState
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
-from mecazen_tools.recorded_figure import figure
-from mecazen_tools.run_figure import courses, draw
+from mecazen_tools.recorded import trajectory_of
 
 HARD = (
     "sensor.dropout_probability=0.2",
@@ -105,17 +103,18 @@ def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_p
     same = mecazen("replay", path, "--through", "follower")
     assert (same.returncode, same.stderr) == (0, "")
     assert "identical: 200 of cmd_vel, 200 of follower/state" in same.stdout
-    changed = mecazen("replay", path, "--through", "examples/my_follower.py:MyFollower")
+    changed = mecazen("replay", path, "--through", "examples/new/my_follower.py:MyFollower")
     assert_one_line(changed, 1, "cmd_vel", "recorded")
     assert_one_line(mecazen("replay", path, "--through", "physics"), 2)
 
 
-def test_a_recording_gives_the_same_figure_as_the_run(tmp_path):
+def test_a_recording_has_the_trajectory_and_the_scores_of_the_run(tmp_path):
     file = tmp_path / "run.mcap"
     with Simulation("convoy", duration_s=0.2, record=file) as sim:
         sim.run()
-        expected = draw(courses(sim.trajectory), sim.scenario, "run")
+    recorded = trajectory_of(Recording(file))
     assert len(sim.trajectory.rows()) == 20
-    for drawn, axes in zip(figure(Recording(file), None).axes, expected.axes, strict=True):
-        for curve, other in zip(drawn.lines, axes.lines, strict=True):
-            assert np.array_equal(curve.get_xydata(), other.get_xydata()), axes.get_ylabel()
+    assert recorded.csv() == sim.trajectory.csv()
+    for robot in ("one", "two"):
+        assert recorded.scores(robot) == sim.scores(robot)
+        assert recorded.contacts(robot) == sim.contacts(robot)

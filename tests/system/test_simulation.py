@@ -15,7 +15,7 @@ from mecazen.urdf import ask_description, read
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools import simulation
-from mecazen_tools.recorded_figure import figure
+from mecazen_tools.recorded import trajectory_of
 from mecazen_tools.simulate import simulate
 
 SHORT = {"seed": 5, "sim.duration_s": 1.0, "follower.standoff_m": 1.5}
@@ -120,8 +120,7 @@ def test_renamed_keys_are_those_of_all_nodes_and_change_no_trajectory(tmp_path):
     assert {"base/cmd", "base/odom"} < {sample.key for sample in samples}
     assert not {"cmd_vel", "odom"} & {sample.key for sample in samples}
     assert recompute(Recording(file), "follower").counts["base/cmd"] == 30
-    *_, (_, commands) = (axes.lines for axes in figure(Recording(file), None).axes)
-    assert len(commands.get_xdata()) == 30
+    assert trajectory_of(Recording(file)).csv() == sim.trajectory.csv()
 
 
 def test_each_robot_has_its_renamed_keys_and_source_of_odometry():

@@ -154,7 +154,8 @@ def test_a_driven_person_makes_up_for_missed_ticks_but_not_beyond_the_timeout():
 def test_a_person_on_a_path_misses_nothing_and_hears_no_commands():
     target = Target(Straight(speed_m_s=1.0, length_m=3.0))
     assert target.person(100, Twist2D(-1.0)).x == pytest.approx(1.0)
-    assert target.node.diagnostics() == {"time_s": 1.0, "x_m": 1.0, "y_m": 0.0, "walked_m": 1.0}
+    report = {"time_s": 1.0, "x_m": 1.0, "y_m": 0.0, "walked_m": 1.0, "true_distance_error_m": 0.0}
+    assert target.node.diagnostics() == report
     assert target.person(1000).x == pytest.approx(3.0)
 
 

@@ -59,6 +59,25 @@ def test_person_is_seen_in_the_field_of_view_and_the_range(bearing, distance, ro
         assert (frame.pose is None) == (outside > 0.0)
 
 
+@pytest.mark.parametrize(
+    ("bearing_deg", "distance", "settings", "reason"),
+    [
+        (0.0, 1.0, {}, ""),
+        (50.0, 1.0, {}, "out of view to the left"),
+        (-50.0, 1.0, {}, "out of view to the right"),
+        (50.0, 8.0, {}, "out of range"),
+        (0.0, 1.0, {"occlusions_s": ((0.0, 1.0),)}, "the sensor sees nothing"),
+        (0.0, 1.0, {"dropout_probability": 1.0}, "the sensor sees nothing"),
+    ],
+)
+def test_a_frame_without_the_person_gives_the_reason(bearing_deg, distance, settings, reason):
+    bearing = math.radians(bearing_deg)
+    person = ROBOT.compose(Pose2D(distance * math.cos(bearing), distance * math.sin(bearing)))
+    eye = sensor(**PERFECT, fov_deg=80.0, max_range_m=7.0, **settings)
+    frame = eye.observe(0, ROBOT, person)
+    assert (frame.reason, frame.pose is None) == (reason, bool(reason))
+
+
 def test_occlusion_hides_what_is_captured_from_its_begin_until_its_end():
     eye = sensor(**PERFECT, latency_s=0.02, occlusions_s=((0.05, 0.08), (0.1, 0.11)))
     captured = {}

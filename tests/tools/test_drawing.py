@@ -15,24 +15,30 @@ from mecazen.loading import load_scenario
 from mecazen_tools import drawing
 from mecazen_tools.files import write, write_with
 from mecazen_tools.run_figure import Course, draw
+from mecazen_tools.table import Table
+from mecazen_tools.trajectory import POSE, TWIST
+
+
+def columns(body, names, *values):
+    return {f"{body}_{name}": value for name, value in zip(names, values, strict=True)}
 
 
 def test_the_figure_of_a_run_shows_goal_errors_and_velocities():
-    t = np.array([0.0, 1.0])
-
-    def rows(*columns):
-        return np.column_stack(np.broadcast_arrays(t, *columns))
-
+    t, scenario = np.array([0.0, 1.0]), load_scenario(SCENARIOS / "side.toml")
     # a person walks along y; the goal is 1 m to their left, facing them; the robot is 0.25 m too
     # far from it and turned 10° too far to the left
-    person = rows(2.0, t, math.pi / 2, 0.0, 0.0, 0.0)
-    robot = rows(0.75, t, math.radians(10.0), 0.5, 0.25, 0.125)
-    course = Course("", robot, person, rows(0.4, 0.2, 0.1))
-    figure = draw([course], load_scenario(SCENARIOS / "side.toml"), "by hand")
+    values = {
+        "t_s": t,
+        **columns("target", POSE, 2.0, t, math.pi / 2),
+        **columns("robot", (*POSE, *TWIST), 0.75, t, math.radians(10.0), 0.5, 0.25, 0.125),
+        **columns("cmd", TWIST, 0.4, 0.2, 0.1),
+    }
+    table = Table(dict(zip(values, np.broadcast_arrays(*values.values()), strict=True)), 1.0)
+    figure = draw([Course("", table, scenario.follower.standoff)], scenario, "by hand")
     above, distance, heading, *velocities = figure.axes
     lines = {line.get_label(): np.asarray(line.get_xydata()) for line in above.lines}
-    assert lines["robot"] == pytest.approx(robot[:, 1:3])
-    assert lines["person"] == pytest.approx(person[:, 1:3])
+    assert lines["robot"] == pytest.approx(np.column_stack([[0.75, 0.75], t]))
+    assert lines["person"] == pytest.approx(np.column_stack([[2.0, 2.0], t]))
     assert lines["wanted"] == pytest.approx(np.column_stack([[1.0, 1.0], t]))
     assert distance.lines[0].get_ydata() == pytest.approx([0.25, 0.25])
     assert heading.lines[0].get_ydata() == pytest.approx([10.0, 10.0])

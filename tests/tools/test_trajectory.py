@@ -12,7 +12,6 @@ from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import FollowerState, Time, Twist, planar_odometry
 from mecazen.wire import Stamp
-from mecazen_tools.run_figure import courses
 from mecazen_tools.trajectory import COLUMNS, Scores, Trajectory
 
 TICK_NS = 10_000_000
@@ -126,8 +125,6 @@ def test_without_a_person_who_moves_there_are_no_scores():
         assert run.trajectory.complete
         assert run.trajectory.scores() == Scores(None, None)
     assert alone.trajectory.rows() == [(0.0, 0.0, 0.0, 0.0, *MOTION, *[None] * 25)]
-    (course,) = courses(alone.trajectory)
-    assert (len(course.robot), len(course.person), len(course.command)) == (1, 0, 0)
 
 
 def test_each_of_several_robots_has_its_columns():

@@ -105,9 +105,15 @@ def test_the_overview_shows_robot_person_and_pace(report):
 def test_the_overview_shows_stale_reports(report, monkeypatch):
     begin_s = time.monotonic()
     text = report("follower", tracking="following", distance_error_m=0.01)
-    assert text.endswith("following, +0.010 m off")
+    assert text.endswith("following, +0.010 m off (estimated)")
     monkeypatch.setattr(time, "monotonic", lambda: begin_s + 3.0)
-    assert "following, +0.010 m off (stale, 3.0 s old)" in report("target")
+    assert "following, +0.010 m off (estimated) (stale, 3.0 s old)" in report("target")
     assert "stale" not in report("physics", rtf=0.1)  # so services report every 10 s
     report("physics", rtf=1.0)
-    assert "+0.020 m off  ·" in report("follower", tracking="following", distance_error_m=0.02)
+    assert "off (estimated)  ·" in report("follower", tracking="following", distance_error_m=0.02)
+
+
+def test_the_overview_gives_the_true_error_and_the_reason_of_a_loss(report):
+    report("target", true_distance_error_m=0.5)
+    text = report("follower", tracking="lost", reason="hidden by a [wall]", distance_error_m=0.01)
+    assert text.endswith("lost: hidden by a \\[wall], +0.500 m off (true)")

@@ -6,11 +6,13 @@ import statistics
 from itertools import pairwise
 
 import msgspec
-from mecazen.keys import PARAMETERS
-from mecazen.messages import Parameter, Parameters
+from mecazen.keys import FOLLOWER_STATE, PARAMETERS
+from mecazen.messages import FollowerState, Parameter, Parameters
 from mecazen.robots import split_key
 from mecazen.wire import NS_PER_S
 from mecazen_recorder.reader import Recording
+
+from mecazen_tools.losses import TrackingRow, lost_shares
 
 GAP = 1.5
 """Number of medians above which an interval is a gap."""
@@ -44,6 +46,8 @@ class RunInfo(msgspec.Struct, frozen=True):
     """Whether the file holds the run's configuration."""
     changes: tuple[str, ...]
     """Changes of parameters with time and value, after the values set before the run."""
+    lost: dict[str, dict[str, float]]
+    """By robot the share of time in which the person was lost, by reason; empty if never."""
 
 
 class Info(msgspec.Struct, frozen=True):
@@ -67,6 +71,7 @@ def inspect(recording: Recording) -> Info:
     seeds: dict[int, int] = {}
     known: dict[int, tuple[Parameter, ...]] = {}
     changes: dict[int, list[str]] = {}
+    tracking: dict[int, dict[str, list[TrackingRow]]] = {}
     for sample in recording.samples():
         stamp = sample.stamp
         run = None if stamp is None else stamp.run
@@ -75,8 +80,14 @@ def inspect(recording: Recording) -> Info:
         if stamp is not None:
             first, last = spans.get(stamp.run, (sample.time_ns, sample.time_ns))
             spans[stamp.run] = min(first, sample.time_ns), max(last, sample.time_ns)
-            if not split_key(sample.key, recording.robots(stamp.run))[0]:
+            robot, key = split_key(sample.key, recording.robots(stamp.run))
+            if not robot:
                 seeds.setdefault(stamp.run, stamp.seed)
+            if key == FOLLOWER_STATE.key:
+                with recording.reading(sample):
+                    state = sample.message(FollowerState)
+                row = sample.time_ns / NS_PER_S, state.tracking, state.reason
+                tracking.setdefault(stamp.run, {}).setdefault(robot, []).append(row)
             if sample.key == PARAMETERS.key:
                 with recording.reading(sample):
                     message = sample.message(Parameters)
@@ -90,7 +101,9 @@ def inspect(recording: Recording) -> Info:
         names = tuple(filter(None, recording.robots(run)))
         span_s = first / NS_PER_S, last / NS_PER_S
         is_known, changed = run in recording.scenarios, tuple(changes.get(run, ()))
-        runs.append(RunInfo(run, seeds.get(run), names, *span_s, is_known, changed))
+        shares = {robot: lost_shares(rows) for robot, rows in tracking.get(run, {}).items()}
+        lost = {robot: reasons for robot, reasons in shares.items() if reasons}
+        runs.append(RunInfo(run, seeds.get(run), names, *span_s, is_known, changed, lost))
     infos = tuple(_key_info(key, types[key], list(times[key].values())) for key in sorted(times))
     count = sum(info.count for info in infos)
     duration_s = sum(run.end_s - run.begin_s for run in runs)

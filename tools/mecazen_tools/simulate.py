@@ -22,6 +22,7 @@ from mecazen.runtime.pace import declare_every
 from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import NS_PER_S
 
+from mecazen_tools.losses import lost_shares
 from mecazen_tools.processes import Supervisor, private_router
 from mecazen_tools.simulation import Simulation
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -52,6 +53,8 @@ class Result(msgspec.Struct, frozen=True, omit_defaults=True):
     several robots, sums over the robots."""
     contacts_obstacles: int
     trajectory_sha256: str
+    lost: dict[str, float] = {}
+    """Share of time in which the person was lost, by reason; with several robots of them all."""
     robots: dict[str, Scores] = {}
     """The measures of each of several robots, by its name."""
 
@@ -197,6 +200,7 @@ def _result(name: str, trajectory: Trajectory, wall_s: float) -> Result:
         contacts_persons=sum(counts.persons for counts in contacts),
         contacts_obstacles=sum(counts.obstacles for counts in contacts),
         trajectory_sha256=trajectory.sha256(),
+        lost=lost_shares([row for robot in scenario.names for row in trajectory.tracking(robot)]),
         robots=scores if scenario.robots else {},
     )
 

@@ -57,8 +57,13 @@ def mistake(key: str) -> str | None:
 
 def unknown_to(bus: ZenohBus, key: str, warning: str | None) -> str | None:
     """Return the warning about a key, unless the running scenario names that key."""
-    renamed = warning is not None and key in renamed_in(scenario_at(bus)).values()
-    return None if renamed else warning
+    if warning is None:
+        return None
+    scenario = scenario_at(bus)
+    commands = scenario.get("controller", {}).get("commands", ())
+    named = [*renamed_in(scenario).values(), *(str(command["key"]) for command in commands)]
+    is_named = any(key == name or key.endswith(f"/{name}") for name in named)
+    return None if is_named else warning
 
 
 def absent(bus: ZenohBus, key: str) -> str:

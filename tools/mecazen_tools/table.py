@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Standoff
+from mecazen.robots import join_key
 
 from mecazen_tools.trajectory import COLUMNS, Trajectory
 
@@ -63,12 +64,13 @@ class Table:
         self.tick_s = tick_s
 
     @classmethod
-    def of(cls, trajectory: Trajectory) -> Table:
-        """Return the rows of a trajectory as columns; there is at least one row."""
-        if trajectory.columns != COLUMNS:
+    def of(cls, trajectory: Trajectory, robot: str = "") -> Table:
+        """Return the rows of a robot of a trajectory as columns; there is at least one row."""
+        if robot not in trajectory.scenario.names:
             raise ConfigError("robots: a table holds one robot, and there are several")
         rows = trajectory.to_numpy()
-        columns = {name: np.ascontiguousarray(rows[name]) for name in COLUMNS}
+        names = {name: name if name == "t_s" else join_key(name, robot) for name in COLUMNS}
+        columns = {name: np.ascontiguousarray(rows[key]) for name, key in names.items()}
         t = columns["t_s"]
         return cls(columns, float(t[1] - t[0]) if len(t) > 1 else math.nan)
 
@@ -97,6 +99,10 @@ class Table:
         """Return some of the ticks."""
         columns = {name: column[rows] for name, column in self._columns.items()}
         return Table(columns, self.tick_s)
+
+    def having(self, name: str) -> Table:
+        """Return the ticks that have a number in a column."""
+        return self.where(~np.isnan(self[name]))
 
 
 def first_motion(table: Table) -> int | None:

@@ -24,6 +24,8 @@ from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.wire import Stamp
 
+from mecazen_tools.losses import TrackingRow, lost_shares
+
 Row = tuple[float | str | None, ...]
 
 POSE = ("x_m", "y_m", "yaw_rad")
@@ -41,13 +43,13 @@ def _motion(odometry: Odometry) -> Row:
 
 def _estimate(state: FollowerState) -> Row:
     if not state.estimate:
-        return *(None,) * len(_ESTIMATE), state.tracking
+        return *(None,) * len(_ESTIMATE), state.tracking, state.reason
     person = state.estimate[0]
     (xx, xy, xw), (_, yy, yw), (_, _, ww) = planar_covariance(person.pose.covariance)
-    return *_motion(person), xx, xy, xw, yy, yw, ww, state.tracking
+    return *_motion(person), xx, xy, xw, yy, yw, ww, state.tracking, state.reason
 
 
-_SOURCES: dict[Topic[Any], tuple[str, Callable[[Any], Row], list[str]]] = {
+SOURCES: dict[Topic[Any], tuple[str, Callable[[Any], Row], list[str]]] = {
     keys.GROUND_TRUTH: ("physics", _motion, [f"robot_{name}" for name in (*POSE, *TWIST)]),
     keys.ODOM: ("controller", lambda m: m.pose.pose.to_planar(), [f"odom_{name}" for name in POSE]),
     keys.TARGET_ODOM: ("target", _motion, [f"target_{name}" for name in (*POSE, *TWIST)]),
@@ -58,24 +60,29 @@ _SOURCES: dict[Topic[Any], tuple[str, Callable[[Any], Row], list[str]]] = {
     ),
     keys.CMD_VEL: ("follower", Twist.to_planar, [f"cmd_{name}" for name in TWIST]),
 }
-"""Service, values and columns of each topic."""
-COLUMNS = ("t_s", *chain.from_iterable(columns for _, _, columns in _SOURCES.values()))
+"""Service, values and columns of each topic. The follower's last value, its reason, has no column:
+the hash of a run covers the columns."""
+Columns = dict[tuple[str, Topic[Any]], dict[int, Row]]
+"""The values of a topic of a robot by tick."""
+COLUMNS = ("t_s", *chain.from_iterable(columns for _, _, columns in SOURCES.values()))
 """Poses of robot and target are true, in world; odom and estimate are in odom.
 
 Twists are in the frame of the moving body. The covariance is of the estimated pose.
 """
 
 
-class Scores(msgspec.Struct, frozen=True):
+class Scores(msgspec.Struct, frozen=True, omit_defaults=True):
     """The published measures of following; None without a person who moves.
 
-    The measures are means over all ticks from the first motion of the person on.
+    The errors are means over all ticks from the first motion of the person on.
     """
 
     d_err_m: float | None
     """Mean of |D - D0|, D the distance from robot to person."""
     theta_err_deg: float | None
     """Mean of |Θ - Θ0|, Θ the wrapped difference of the headings."""
+    lost: dict[str, float] = {}
+    """Share of time in which the person was lost, by reason."""
 
 
 class Contacts(msgspec.Struct, frozen=True):
@@ -96,11 +103,11 @@ class Trajectory:
 
     def __init__(self, bus: Bus, scenario: Scenario) -> None:
         self.scenario = scenario
-        self._columns: dict[tuple[str, Topic[Any]], dict[int, Row]] = {}
+        self._columns: Columns = {}
         self._required: dict[tuple[str, Topic[Any]], int] = {}
         """Ticks from one sample to the next, of the columns that make a row complete."""
         odom_rate = graph_of(scenario).rate(keys.ODOM.key)
-        for robot, (topic, source) in product(scenario.names, _SOURCES.items()):
+        for robot, (topic, source) in product(scenario.names, SOURCES.items()):
             service, read, _ = source
             if service not in scenario.services:
                 continue
@@ -139,6 +146,11 @@ class Trajectory:
         rows = (len(self._columns[key]) * ticks for key, ticks in self._required.items())
         return min((self.scenario.sim.ticks, *rows))
 
+    @property
+    def ticks(self) -> range:
+        """The numbers of the rows' ticks."""
+        return range(self.done)
+
     def refuse_incomplete(self) -> None:
         """Raise MecazenError if rows are missing, as with a follower that publishes no commands."""
         if not self.complete:
@@ -155,14 +167,26 @@ class Trajectory:
         columns = [
             (self._columns.get((robot, topic), {}), (None,) * len(names))
             for robot in self.scenario.names
-            for topic, (_, _, names) in _SOURCES.items()
+            for topic, (_, _, names) in SOURCES.items()
         ]
         return [
             (
                 tick * self.scenario.sim.tick_ns / 1e9,
-                *chain.from_iterable([column.get(tick, empty) for column, empty in columns]),
+                *chain.from_iterable(
+                    [column.get(tick, empty)[: len(empty)] for column, empty in columns]
+                ),
             )
-            for tick in range(self.done)
+            for tick in self.ticks
+        ]
+
+    def tracking(self, robot: str = "") -> list[TrackingRow]:
+        """Return time [s], tracking state and reason of the finished rows that have them."""
+        column = self._columns.get((robot or self.scenario.names[0], keys.FOLLOWER_STATE), {})
+        tick_s = self.scenario.sim.tick_ns / 1e9
+        return [
+            (tick * tick_s, *cast(tuple[str, str], column[tick][-2:]))
+            for tick in self.ticks
+            if tick in column
         ]
 
     def csv(self) -> bytes:
@@ -202,14 +226,16 @@ class Trajectory:
         standoff = self.scenario.of(robot).follower.standoff
         persons = self._poses(robot, keys.TARGET_ODOM)
         robots = self._poses(robot, keys.GROUND_TRUTH)
-        pairs = [(robots[tick], person) for tick, person in persons.items()]
+        pairs = [(robots[tick], person) for tick, person in persons.items() if tick in robots]
         pairs = list(dropwhile(lambda pair: pair[1] == pairs[0][1], pairs))
+        lost = lost_shares(self.tracking(robot))
         if not pairs:
-            return Scores(d_err_m=None, theta_err_deg=None)
+            return Scores(d_err_m=None, theta_err_deg=None, lost=lost)
         errors = [standoff.errors(person, robot) for robot, person in pairs]
         return Scores(
             fmean(abs(error.distance) for error in errors),
             math.degrees(fmean(abs(error.yaw) for error in errors)),
+            lost,
         )
 
     def contacts(self, robot: str = "") -> Contacts:
@@ -217,8 +243,8 @@ class Trajectory:
         robot = robot or self.scenario.names[0]
         part, world = self.scenario.of(robot), self.scenario.world
         length, width = (half + TOUCHING_M for half in part.robot.footprint)
-        poses = list(self._poses(robot, keys.GROUND_TRUTH).values())
-        path = np.array([pose[:2] for pose in poses]).reshape(-1, 2)
+        poses = self._poses(robot, keys.GROUND_TRUTH)
+        path = np.array([pose[:2] for pose in poses.values()]).reshape(-1, 2)
 
         def touches(pose: Pose2D, x: float, y: float, radius: float) -> bool:
             centre = pose.between(Pose2D(x, y))
@@ -242,19 +268,17 @@ class Trajectory:
             followed = self._poses(name, keys.TARGET_ODOM)
             persons += _begins(
                 tick in followed and touches(pose, *followed[tick][:2], world.person.radius_m)
-                for tick, pose in enumerate(poses)
+                for tick, pose in poses.items()
             )
         near = filter(is_near, world.solids)  # a map has thousands
-        obstacles = sum(_begins(hits(pose, solid) for pose in poses) for solid in near)
+        obstacles = sum(_begins(hits(pose, solid) for pose in poses.values()) for solid in near)
         return Contacts(persons, obstacles)
 
     def _poses(self, robot: str, topic: Topic[Odometry]) -> dict[int, Pose2D]:
         """Return the poses of the finished rows by tick."""
         column = self._columns.get((robot, topic), {})
         return {
-            tick: Pose2D(*cast(Pose2D, column[tick][:3]))
-            for tick in range(self.done)
-            if tick in column
+            tick: Pose2D(*cast(Pose2D, column[tick][:3])) for tick in self.ticks if tick in column
         }
 
 

@@ -29,6 +29,8 @@ class _Path(Section, tag_field="kind"):
 class _Walk(_Path):
     start_after_s: NonNegative = 0.0
     """Time before the person sets off [s]."""
+    back_and_forth: bool = False
+    """Whether the person turns at the end and walks back, again and again."""
 
 
 class SteadyWalk(_Walk):
@@ -143,8 +145,6 @@ class Goal(SteadyWalk, tag="goal", kw_only=True):
     """The goal in the world."""
     via_m: Annotated[tuple[tuple[Finite, Finite], ...], msgspec.Meta(max_length=1000)] = ()
     """Way-points in the world before the goal."""
-    back_and_forth: bool = False
-    """Whether the walker goes back and forth between start and goal, or else stops at the goal."""
 
 
 Walk = (

@@ -109,6 +109,8 @@ class LinearLimits(Section):
     max_deceleration_m_s2: Live[Limit | None] = None
     """Left out: equal to max_acceleration_m_s2."""
     max_jerk_m_s3: Limit = math.inf
+    min_velocity_m_s: Live[Annotated[float, msgspec.Meta(le=0.0)] | None] = None
+    """Fastest motion backwards, or to the right; left out: -max_velocity_m_s."""
 
 
 class AngularLimits(Section):
@@ -119,6 +121,8 @@ class AngularLimits(Section):
     max_deceleration_rad_s2: Live[Limit | None] = None
     """Left out: equal to max_acceleration_rad_s2."""
     max_jerk_rad_s3: Limit = math.inf
+    min_velocity_rad_s: Live[Annotated[float, msgspec.Meta(le=0.0)] | None] = None
+    """Fastest turn to the right; left out: -max_velocity_rad_s."""
 
 
 class AxisLimits(Section):
@@ -137,11 +141,28 @@ class OdometryScale(Section):
     yaw: Positive = 1.0
 
 
+class Command(Section, omit_defaults=True):
+    """A key on which programs command the robot, or a lock; as in ROS's twist_mux."""
+
+    key: Key
+    """`cmd_vel` has the commands of programs, not those of the scenario's own follower."""
+    priority: Annotated[int, msgspec.Meta(ge=1, le=255)] = 100
+    """Of all commands that are not stale, the one of the highest priority is obeyed. The follower
+    has priority 0."""
+    timeout_s: Positive | None = None
+    """Simulated time after which a command is stale; left out: reference_timeout_s. A lock that is
+    stale locks; left out: it is never stale."""
+    lock: bool = False
+    """Whether the key has std_msgs/Bool: while true, commands of no higher priority are ignored."""
+
+
 class ControllerConfig(Section):
     """The wheel controller."""
 
     command_key: Key = "cmd_vel"
     """Key of the commanded twist, in base_frame_id, for all that publish or receive it."""
+    commands: tuple[Command, ...] = (Command(key="cmd_vel"),)
+    """Who may take over from the follower; a key that is left out is not obeyed."""
     reference_timeout_s: Live[Positive] = 0.5
     """Simulated time after which a command is stale and the robot comes to rest."""
     limits: AxisLimits = AxisLimits()
@@ -171,6 +192,11 @@ class ControllerConfig(Section):
                 f"odom_frame_id = {self.odom_frame_id!r} must differ from base_frame_id and from "
                 "base_link"
             )
+        names = [command.key for command in self.commands]
+        if len(set(names)) != len(names):
+            raise ValueError("commands: each key at most once")
+        if any(command.lock and command.key == "cmd_vel" for command in self.commands):
+            raise ValueError("commands: cmd_vel has twists and can't be a lock")
 
 
 class HardwareConfig(Section):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Annotated
 
 import msgspec
@@ -20,6 +21,32 @@ from mecazen.messages.ros import (
     Twist,
     UInt32,
 )
+
+
+class Unseen(StrEnum):
+    """Why the followed person is not seen: the words of each field `reason` but the guard's."""
+
+    LEFT = "out of view to the left"
+    RIGHT = "out of view to the right"
+    SHOULDERS = "shoulders not in the camera's view"
+    """The trunk is above the view."""
+    BELOW = "below the camera's view"
+    TOO_NEAR = "too near"
+    TOO_FAR = "out of range"
+    BOX = "hidden by a box"
+    CYLINDER = "hidden by a cylinder"
+    WALL = "hidden by a wall"
+    TABLE = "hidden by a table"
+    RAMP = "hidden by a ramp"
+    PERSON = "hidden by another person"
+    ROBOT = "hidden by another robot"
+    BLIND = "the sensor sees nothing"
+    """As configured: `occlusions_s` or `dropout_probability`."""
+    IMPLAUSIBLE = "only implausible detections"
+    """The gate of the follower's association rejects all detections."""
+    EMPTY = "not in the sensor's frames"
+    """The sensor gives no reason, and by the estimate the person is in its view."""
+    NO_FRAMES = "no frames from the sensor"
 
 
 class Skeleton(Message):
@@ -51,6 +78,8 @@ class Skeletons(Message):
 
     header: Header = Header()
     skeletons: tuple[Skeleton, ...] = ()
+    reason: str = ""
+    """Why the followed person is not in the frame: a word of `Unseen`; empty if unknown."""
 
 
 class Person(Message):
@@ -92,6 +121,8 @@ class Observation(Message):
     poses: tuple[PoseWithCovariance, ...] = ()
     ids: tuple[str, ...] = ()
     """The sensor's name for each person; empty if the sensor does not distinguish persons."""
+    reason: str = ""
+    """Why the followed person is not in the frame: a word of `Unseen`; empty if unknown."""
 
 
 class FollowerState(Message):
@@ -100,6 +131,9 @@ class FollowerState(Message):
     header: Header = Header()
     tracking: str = ""
     """waiting, following, coasting or lost."""
+    reason: str = ""
+    """Why the person is not seen, or after a loss why they got lost: a word of `Unseen`, or that of
+    the sensor; empty while following."""
     estimator: str = ""
     estimate: tuple[Odometry, ...] = ()
     """The person; empty until first seen."""

@@ -89,6 +89,13 @@ class String(Message):
     data: str = ""
 
 
+class Bool(Message):
+    """True or false."""
+
+    ROS_TYPE: ClassVar[str] = "std_msgs/msg/Bool"
+    data: bool = False
+
+
 class Clock(Message):
     """Simulated time."""
 

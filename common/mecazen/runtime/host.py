@@ -254,7 +254,8 @@ class Host:
         for turn in turns:
             for topic, output in turn.outputs.items():
                 key, publisher = output.on_bus.key, self.bus.publisher(output.on_bus)
-                output.slots.extend(self._slots_of.get(key, ()))
+                slots = self._slots_of.get(key, ())
+                output.slots.extend(slot for slot in slots if not slot.topic.by_hand)
                 turn.puts[topic] = publisher.put
                 if self.lockstep and key in awaited:
                     turn.promises.append((topic, output.period, publisher.put_nothing))
@@ -266,6 +267,7 @@ class Host:
             slot.on_bus.name if robot else slot.on_bus.key: slot
             for turn in turns
             for slot in turn.slots
+            if not slot.topic.by_hand
         }
         return Service(name, robot, turns, Health(name, robot, self.bus, self.scenario, inputs), [])
 
@@ -307,9 +309,12 @@ class Host:
         if publisher := self._sole_publisher(slots[0]):
             self._refuse(slots[0], publisher)
             return
+        by_hand, tick = [s for s in slots if s.topic.by_hand], self.stamp.time_ns // self.tick_ns
         for slot in slots:
-            if slot.rule != "every":
-                slot.give(message, self.stamp.time_ns // self.tick_ns)
+            if by_hand and not slot.topic.by_hand:
+                slot.note(tick)  # health reports a key as one input
+            elif slot.rule != "every":
+                slot.give(message, tick)
                 self.has_news = True
 
     def _of_run(self, slots: Sequence[Slot], message: Message | None, stamp: Stamp) -> None:
@@ -328,8 +333,9 @@ class Host:
     def _receive(self, slots: Iterable[Slot], message: Message | None, stamp: Stamp) -> None:
         tick = stamp.time_ns // self.tick_ns
         for slot in slots:
-            slot.receive(message, stamp, tick)
-            self.has_news |= slot.revises
+            if not slot.topic.by_hand:
+                slot.receive(message, stamp, tick)
+                self.has_news |= slot.revises
 
     def _on_parameters(self, message: Any, stamp: Stamp | None) -> None:
         if stamp is None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from functools import partial
 from typing import Any, cast
 
 from mecazen import messages as m
-from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import CMD_VEL, ODOM, PEOPLE, SCAN, Topic
@@ -22,8 +22,6 @@ from mecazen_experiments.followbench.episodes import STEP_S
 from mecazen_experiments.followbench.play import Planner, Seen, View
 from mecazen_experiments.followbench.social import Social
 
-STEP_NS = round(STEP_S * NS_PER_S)
-
 
 def entrant(name: str) -> Callable[[], Planner]:
     """Return the maker of a planner: `social`, or `file.py:Class`.
@@ -37,8 +35,7 @@ def entrant(name: str) -> Callable[[], Planner]:
         raise ConfigError(f"follower = {name!r}: must be social, or file.py:Class")
     made = imported(name)
     if inspect.isclass(made) and issubclass(made, Node):
-        scenario = load_scenario(scenario_path("back"))
-        return lambda: NodePlanner(made, scenario)
+        return partial(NodePlanner, made)
     if inspect.isclass(made) and hasattr(made, "command"):
         return cast(Callable[[], Planner], made)
     raise ConfigError(
@@ -52,8 +49,8 @@ class NodePlanner:
     The person to follow is named "target", and is absent while out of sight.
     """
 
-    def __init__(self, made: type[Node], scenario: Scenario) -> None:
-        self._node = made(scenario)
+    def __init__(self, made: type[Node]) -> None:
+        self._node = made(load_scenario(scenario_path("back")))
         self._twist = Twist2D()
 
     def reset(self, seed: int) -> None:
@@ -63,15 +60,15 @@ class NodePlanner:
     def command(self, view: View) -> tuple[float, float]:
         """Return the forward speed and yaw rate of the node's last `cmd_vel`."""
         number = round(view.time_s / STEP_S)
-        tick = Tick(number, number * STEP_NS, STEP_S)
-        twist = Twist2D(view.v, 0.0, view.w)
-        odometry = m.planar_odometry(tick.time, "odom", "base_link", view.robot, twist)
+        tick = Tick(number, number * round(STEP_S * NS_PER_S), STEP_S)
+        header = m.Header(stamp=tick.time, frame_id="odom")
         persons = [_person(f"walker_{n}", person) for n, person in enumerate(view.people, 1)]
         if view.target is not None:
             persons.insert(0, _person("target", view.target))
+        twist = Twist2D(view.v, 0.0, view.w)
         samples: dict[Topic[Any], m.Message] = {
-            ODOM: odometry,
-            PEOPLE: m.People(m.Header(stamp=tick.time, frame_id="odom"), tuple(persons)),
+            ODOM: m.planar_odometry(tick.time, "odom", "base_link", view.robot, twist),
+            PEOPLE: m.People(header, tuple(persons)),
             SCAN: m.LaserScan(
                 header=m.Header(stamp=tick.time, frame_id="base_link"),
                 angle_min=float(robot.ANGLES[0]),

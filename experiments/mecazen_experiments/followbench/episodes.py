@@ -6,7 +6,7 @@ import csv
 import re
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, cast
 
 import msgspec
 import yaml
@@ -23,9 +23,7 @@ DISTANCE_M = 1.5
 """Distance that the robot shall keep from the target."""
 ROBOT_M = (0.70, 0.55)
 """Length and width of the only robot of the benchmark."""
-GOAL_THRESHOLD_M = 0.1
-"""Default distance at which a way-point is reached [m]."""
-FILE_NAME = re.compile(r"(?P<scenario>.+)_(?P<place>back|left_side)_\d+")
+FILE_NAME = re.compile(r"(.+)_(back|left_side)_\d+")
 CLASS = re.compile(r"(?:Normal)?([A-Z][a-z]+)Orca.*")
 
 Place = Literal["back", "left_side"]
@@ -33,17 +31,17 @@ Place = Literal["back", "left_side"]
 
 
 class Walk(NamedTuple):
-    """The path of a person."""
+    """The path of a person: a start, and points after it [m].
+
+    If the person `plans`, the path leads round obstacles. A point is reached at `goal_threshold`
+    [m], and `safe_dist` is the distance that the person keeps from others [m].
+    """
 
     start: Pose2D
     goals: tuple[tuple[float, float], ...]
-    """Points (x, y) [m] after the start, in order."""
     plans: bool
-    """Whether the person plans a path round obstacles between the points."""
     goal_threshold: float
-    """Distance at which a point is reached [m]."""
     safe_dist: float
-    """Distance that the person keeps from others [m]."""
 
 
 class Box(NamedTuple):
@@ -60,8 +58,6 @@ class Episode(msgspec.Struct, frozen=True):
     """A world with people, and a robot that shall follow one person."""
 
     name: str
-    scenario: str
-    """The name without place and number."""
     cls: str
     """Circular, Crowd, Parallel, Perpendicular, Corridor, Intersection, Doorway, Clutter, or the
     name of a track."""
@@ -74,8 +70,7 @@ class Episode(msgspec.Struct, frozen=True):
     size: tuple[float, float]
     """Width and height of the world [m]; its corner is at (0, 0)."""
     inflation_cells: int
-    """Side of the square, in cells of the grid, by which obstacles are inflated for planned
-    paths."""
+    """Side of the square, in cells, by which obstacles are inflated for planned paths."""
     max_steps: int
     max_search_steps: int
     """Longest time without sight of the target in a successful episode."""
@@ -121,7 +116,7 @@ class _Person(msgspec.Struct):
     """One state, or a list of a list of states of which the first is the start."""
     behavior: _Behavior
     plan_path: bool = False
-    goal_threshold: Length = GOAL_THRESHOLD_M
+    goal_threshold: Length = 0.1
 
     def __post_init__(self) -> None:
         is_nested = len(self.goal) == 1 and isinstance(self.goal[0], list)
@@ -133,9 +128,7 @@ class _Person(msgspec.Struct):
         if not states:
             raise ValueError("goal: must have a state after the start")
 
-    @property
     def walk(self) -> Walk:
-        """The person's path."""
         goals = tuple((x, y) for x, y, _ in self.goal)
         threshold, safe_dist = self.goal_threshold, self.behavior.safe_dist
         return Walk(Pose2D(*self.state), goals, self.plan_path, threshold, safe_dist)
@@ -163,7 +156,7 @@ def read(path: Path) -> Episode:
     names = FILE_NAME.fullmatch(path.stem)
     if names is None:
         raise _invalid(path, "the file's name must be SCENARIO_back_NUMBER.yaml or _left_side_")
-    scenario, place = names["scenario"], names["place"]
+    scenario, place = names.groups()
     if scenario not in episode_lengths():
         raise _invalid(path, f"no length is known for an episode of {scenario!r}")
     try:
@@ -182,12 +175,11 @@ def read(path: Path) -> Episode:
     max_steps, max_search_steps = episode_lengths()[scenario]
     return Episode(
         name=path.stem,
-        scenario=scenario,
         cls=track[1] if track else scenario,
-        place="back" if place == "back" else "left_side",
+        place=cast(Place, place),
         robot=Pose2D(*file.robot[0].state),
-        target=file.target[0].walk,
-        humans=tuple(person.walk for person in file.human),
+        target=file.target[0].walk(),
+        humans=tuple(person.walk() for person in file.human),
         boxes=tuple(Box(*box.state, box.shape.length, box.shape.width) for box in file.obstacle),
         size=(file.world.width, file.world.height),
         inflation_cells=file.world.planner.dialate,

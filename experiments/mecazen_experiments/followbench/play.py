@@ -82,7 +82,7 @@ def play(episode: Episode, planner: Planner, seed: int) -> Record:
     poses, places, visible = [unicycle.pose], [people.places], [sight[0]]
     touches = False
     while not touches and len(poses) <= episode.max_steps:
-        target, *humans = (Seen(*state) for state in people.states)
+        target, *humans = (Seen(p.real, p.imag, v.real, v.imag) for p, v in people.states)
         view = View(
             time_s=(len(poses) - 1) * STEP_S,
             robot=unicycle.pose,

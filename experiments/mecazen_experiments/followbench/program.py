@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 WALL_M = 2.0
 """Height of the boxes [m]; those of Follow-Bench have no height."""
-LOST_AFTER_S = 4.0
-"""Follower setting, as in other scenarios with people between robot and person [s]."""
 CROWDS = ("Circular", "Crowd", "Parallel", "Perpendicular")
 LAYOUTS = ("Corridor", "Intersection", "Doorway", "Clutter")
 
@@ -40,7 +38,10 @@ def followbench_rules(job: Job) -> dict[str, Value]:
     The option `follower` names the planner, see `entrant`; by default it is the reference.
     """
     episode = _episode(job)
-    follower = str(_options(job, {"follower"}).get("follower", "social"))
+    options = job.options()
+    follower = str(options.pop("follower", "social"))
+    if options:
+        raise ConfigError(f"set: no option {min(options)!r}; allowed: follower")
     planner = entrant(follower)()
     with nullcontext() if follower == "social" else explaining(follower):
         record = play(episode, planner, job.seed)
@@ -62,8 +63,8 @@ def followbench(job: Job) -> dict[str, Value]:
     contacts = ("contacts_person_all", "contacts_others_all", "contacts_walls")
     asr = not any(columns[name] for name in contacts)
     sr = asr and float(columns["regain_s"] or 0.0) <= episode.max_search_steps * STEP_S
-    trajectory = {"trajectory": run.trajectory_sha256[:16]}
-    return _labels(episode) | {"sr": sr, "asr": asr} | columns | trajectory
+    successes = {"sr": sr, "asr": asr}
+    return _labels(episode) | successes | columns | {"trajectory": run.trajectory_sha256[:16]}
 
 
 def scenario_of(episode: Episode, seed: int, settings: dict[str, Any] | None = None) -> Scenario:
@@ -97,12 +98,7 @@ def scenario_of(episode: Episode, seed: int, settings: dict[str, Any] | None = N
                 for box in episode.boxes
             ],
         },
-        "follower": {
-            "view": _view(episode),
-            "standoff_m": DISTANCE_M,
-            "lost_after_s": LOST_AFTER_S,
-            "planner": {},
-        },
+        "follower": {"view": _view(episode), "standoff_m": DISTANCE_M, "planner": {}},
     }
     return from_tables(tables, Path(episode.name), settings or {})
 
@@ -134,19 +130,8 @@ def _episode(job: Job) -> Episode:
     return read(job.file)
 
 
-def _options(job: Job, known: set[str]) -> dict[str, Any]:
-    options = job.options()
-    if unknown := sorted(options.keys() - known):
-        raise ConfigError(f"set: no option {unknown[0]!r}; allowed: {', '.join(sorted(known))}")
-    return options
-
-
 def _labels(episode: Episode) -> dict[str, Value]:
     """Return what tables group by; people are those besides the target."""
     kind = "open" if episode.cls in CROWDS else "layout" if episode.cls in LAYOUTS else "track"
-    return {
-        "kind": kind,
-        "class": episode.cls,
-        "place": episode.place,
-        "people": len(episode.humans),
-    }
+    labels = {"kind": kind, "class": episode.cls, "place": episode.place}
+    return labels | {"people": len(episode.humans)}

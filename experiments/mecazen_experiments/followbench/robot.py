@@ -20,10 +20,8 @@ from mecazen_experiments.followbench.episodes import STEP_S
 
 MAX_V, MAX_W = 2.0, math.pi
 """Maximum speed [m/s] and yaw rate [rad/s], forwards and backwards."""
-ACCELERATION_V, ACCELERATION_W = 2.0, math.pi
-"""Maximum acceleration away from rest [m/s²], [rad/s²]; a moving robot brakes much harder."""
-BRAKING = 50.0
-"""Ratio of deceleration to acceleration."""
+ACCELERATION_V, ACCELERATION_W, BRAKING = 2.0, math.pi, 50.0
+"""Maximum acceleration away from rest [m/s²], [rad/s²], and ratio of deceleration to it."""
 CENTRE, HALF = 0.25, (0.35, 0.275)
 """Centre of the outline ahead of the axle, and half its length and width [m]: 0.70 x 0.55."""
 PERSON_RADIUS = 0.3
@@ -37,12 +35,9 @@ APART = 2.0 * math.pi / (BEAMS - 1)
 ANGLES: Floats = np.arange(BEAMS, dtype=np.float64) * APART - math.pi
 """Angle of each beam from the robot's heading [rad], counter-clockwise."""
 DIRECTIONS: Floats = np.stack((np.cos(ANGLES), np.sin(ANGLES)))
-PER_M = 10
-"""Cells per metre of the map of known cells."""
-HALF_M = 6
-"""Half the side of that map [m]."""
-MARGIN = 1.0
-"""Margin around the ends of the beams in which a scan redraws the map [m]."""
+PER_M, HALF_M, MARGIN = 10, 6, 1.0
+"""Map of known cells: cells per metre, half of its side, and the margin around the ends of the
+beams in which a scan redraws it [m]."""
 
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
@@ -112,16 +107,7 @@ def scan(pose: Pose2D, discs: Floats, boxes: Floats) -> Floats:
         discs: Centres (n, 2) of people [m].
         boxes: Centre x, y [m], yaw [rad], length and width [m] of each box (n, 5).
     """
-    ranges = np.full(BEAMS, RANGE)
-    centres = between(pose, discs)
-    near = np.hypot(*centres.T) < RANGE + PERSON_RADIUS
-    if np.any(near):
-        ranges = np.minimum(ranges, _to_discs(centres[near]))
-    reach = RANGE + np.hypot(boxes[:, 3], boxes[:, 4]) / 2.0
-    near = np.hypot(boxes[:, 0] - pose.x, boxes[:, 1] - pose.y) < reach
-    if np.any(near):
-        ranges = np.minimum(ranges, _to_boxes(pose, boxes[near]))
-    return ranges
+    return np.minimum(RANGE, np.minimum(_to_discs(between(pose, discs)), _to_boxes(pose, boxes)))
 
 
 def _to_discs(centres: Floats) -> Floats:
@@ -130,11 +116,10 @@ def _to_discs(centres: Floats) -> Floats:
     along = c * centres[:, 0] + s * centres[:, 1]
     across = c * centres[:, 1] - s * centres[:, 0]
     square = PERSON_RADIUS**2 - across * across
-    enter = along - np.sqrt(np.maximum(square, 0.0))
-    leave = along + np.sqrt(np.maximum(square, 0.0))
-    hits = (square >= 0.0) & (leave >= 0.0)
-    nearest: Floats = np.where(hits, np.maximum(enter, 0.0), np.inf).min(axis=1)
-    return nearest
+    half = np.sqrt(np.maximum(square, 0.0))
+    hits = (square >= 0.0) & (along + half >= 0.0)
+    distances = np.where(hits, np.maximum(along - half, 0.0), np.inf)
+    return np.asarray(distances.min(axis=1, initial=np.inf))
 
 
 def _to_boxes(pose: Pose2D, boxes: Floats) -> Floats:
@@ -142,21 +127,21 @@ def _to_boxes(pose: Pose2D, boxes: Floats) -> Floats:
 
     The method is the slab method, T. Kay and J. Kajiya, SIGGRAPH 1986, in the frame of each box.
     """
-    yaw = boxes[:, 2]
-    dx, dy = pose.x - boxes[:, 0], pose.y - boxes[:, 1]
+    x, y, yaw, length, width = boxes.T
+    dx, dy = pose.x - x, pose.y - y
     c, s = np.cos(yaw), np.sin(yaw)
-    starts = (c * dx + s * dy, c * dy - s * dx)
     angles = ANGLES[:, None] + (pose.yaw - yaw)
-    slopes = (np.cos(angles), np.sin(angles))
-    halves = (boxes[:, 3] / 2.0, boxes[:, 4] / 2.0)
     enter, leave = np.zeros_like(angles), np.full_like(angles, np.inf)
-    for start, half, cosine in zip(starts, halves, slopes, strict=True):
+    for start, half, cosine in (
+        (c * dx + s * dy, length / 2.0, np.cos(angles)),
+        (c * dy - s * dx, width / 2.0, np.sin(angles)),
+    ):
         slope = np.where(np.abs(cosine) < 1e-12, 1e-12, cosine)  # parallel to the slab
         near, far = (-half - start) / slope, (half - start) / slope
         enter = np.maximum(enter, np.minimum(near, far))
         leave = np.minimum(leave, np.maximum(near, far))
-    nearest: Floats = np.where(enter <= leave, enter, np.inf).min(axis=1)
-    return nearest
+    distances = np.where(enter <= leave, enter, np.inf)
+    return np.asarray(distances.min(axis=1, initial=np.inf))
 
 
 class KnownArea:
@@ -182,11 +167,8 @@ class KnownArea:
         rows, columns = _outline(row, column)
         drawn[rows, columns] = True
         areas, _ = label(~drawn)
-        centre_row, centre_column = -low * PER_M, -left * PER_M
-        inside = [
-            areas[centre_row + dr, centre_column + dc]
-            for dr, dc in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
-        ]
+        around = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
+        inside = [areas[dr - low * PER_M, dc - left * PER_M] for dr, dc in around]
         for area in {int(number) for number in inside} - {0}:
             drawn |= areas == area
         for dr, dc in ((0, 1), (1, 0), (1, 1)):  # the end of a beam is two cells thick
@@ -205,11 +187,10 @@ class KnownArea:
         side = len(self.cells)
         near = np.hypot(*relative.T) - PERSON_RADIUS <= RANGE
         near &= np.all((low >= 0) & (high < side), axis=1)
-        squares = zip(near.tolist(), low.tolist(), high.tolist(), strict=True)
         return np.array(
             [
                 is_near and bool(self.cells[bottom:top, left:right].any())
-                for is_near, (left, bottom), (right, top) in squares
+                for is_near, (left, bottom), (right, top) in zip(near, low, high, strict=True)
             ]
         )
 

@@ -10,6 +10,7 @@ people. The direction vectors from clusters are divided by the norm of all vecto
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from mecazen.geometry import Pose2D, wrap
@@ -21,35 +22,28 @@ from mecazen_experiments.followbench.episodes import DISTANCE_M, STEP_S, Place
 from mecazen_experiments.followbench.play import Seen, View
 from mecazen_experiments.followbench.robot import ANGLES, RANGE
 
-SPEED_M_S = 3.0
-"""Desired and maximum speed; the robot's own limit is 2 m/s."""
-GAIN = 1.3
-"""Gain of the driving force [1/s]."""
-ARRIVED_M = 0.7
-"""Distance to the goal below which the desired speed is 0."""
-SAFE_M = 0.3
-PEOPLE, THINGS = (7.0, 0.5), (10.0, 0.5)
-"""Strength [m/s²] and reach [m] of the repulsion by people and by clusters of the scan."""
-THINGS_M = 5.0
-"""Distance beyond which clusters do not repel."""
-TARGET_M = 0.5
-"""A cluster nearer to the target than this is the target."""
-STILL_M = 0.05
-"""The robot stops if the distance to the goal and the goal's last motion are below this."""
+SPEED_M_S, GAIN = 3.0, 1.3
+"""Desired and maximum speed (the robot's own limit is 2 m/s), gain of the driving force [1/s]."""
+ARRIVED_M, STILL_M = 0.7, 0.05
+"""Distance to the goal below which the desired speed is 0, and below which the robot stops if the
+goal has not moved farther."""
+PEOPLE, THINGS, SAFE_M = (7.0, 0.5), (10.0, 0.5), 0.3
+"""Strength [m/s²] and reach [m] of the repulsion by people and by clusters of the scan, and the
+distance at which they repel with this strength."""
+THINGS_M, TARGET_M = 5.0, 0.5
+"""Distances beyond which clusters do not repel, and within which they are part of the target."""
 TURN_RAD_S, TURN_S, ALIGNED_RAD, SLOW_M_S = 2.0, 0.2, 0.1, 0.02
 """Maximum yaw rate, time of a turn, angle below which no turn is needed, speed that counts as 0."""
-AHEAD_S = 2.0
-"""Horizon of the prediction [s]."""
-SEARCH_M = 0.2
-"""Distance from the prediction at which a search ends [m]."""
+AHEAD_S, SEARCH_M = 2.0, 0.2
+"""Horizon of the prediction, and distance from it at which a search ends."""
 INITIAL, PROCESS, MEASURED = 0.1**2, 0.05**2, 0.5**2
 """Variances of position [m²] and velocity [m²/s²]: initial, per step, per measurement."""
 STANDING_M_S = 0.01
 """Below this speed, a person keeps the previous heading."""
 NOTHING_M = 0.01
-"""A beam that ends less than this before the maximum range hit nothing [m]."""
+"""A beam that ends less than this before the maximum range hit nothing."""
 REACH_M, LEAST = 0.5, 3
-"""DBSCAN: the distance of neighbours [m], and the minimum number of neighbours of a core point,
+"""DBSCAN: the distance of neighbours, and the minimum number of neighbours of a core point,
 including itself."""
 
 
@@ -98,25 +92,28 @@ class Social:
             return robot
         if self._filter is None:
             self._filter = ConstantVelocity(self._last)
-        self._filter.step(self._last)
-        return place(self._filter.ahead(AHEAD_S), self._heading, robot, "back", SEARCH_M)
+        ahead = self._filter.step(self._last)
+        return place(ahead, self._heading, robot, "back", SEARCH_M)
 
     def _push(self, view: View) -> tuple[float, float]:
         """Return the repulsion [m/s²] from visible people and from clusters of the scan."""
-        place = np.array(view.robot[:2])
-        away = place - np.array([person[:2] for person in view.people]).reshape(-1, 2)
-        ranges = np.hypot(away[:, 0], away[:, 1])
-        x, y = _repulsion(away / ranges[:, None], ranges, *PEOPLE)
-        last = self._last
         middles = [center(group) for group in clusters(points(view))]
+        last = self._last
         if last is not None:
             middles = [middle for middle in middles if math.dist(middle, last[:2]) > TARGET_M]
-        away = place - np.array(middles).reshape(-1, 2)
-        ranges = np.hypot(away[:, 0], away[:, 1])
+        away, ranges = _away(view.robot, [person[:2] for person in view.people])
+        x, y = _repulsion(away / ranges[:, None], ranges, *PEOPLE)
+        away, ranges = _away(view.robot, middles)
         away, ranges = away[ranges < THINGS_M], ranges[ranges < THINGS_M]
         norm = math.sqrt(math.fsum((ranges * ranges).tolist()))
         things_x, things_y = _repulsion(away / max(norm, 1e-9), ranges, *THINGS)
         return x + things_x, y + things_y
+
+
+def _away(robot: Pose2D, places: Sequence[tuple[float, float]]) -> tuple[Floats, Floats]:
+    """Return the vectors from places to the robot (n, 2), and their lengths (n) [m]."""
+    away = np.array(robot[:2]) - np.array(places).reshape(-1, 2)
+    return away, np.hypot(away[:, 0], away[:, 1])
 
 
 def _repulsion(away: Floats, ranges: Floats, strength: float, reach: float) -> tuple[float, float]:
@@ -144,11 +141,9 @@ def place(target: Seen, heading: float, robot: Pose2D, where: Place, distance: f
         bearing = math.atan2(target.y - robot.y, target.x - robot.x)
         c, s = math.cos(bearing), math.sin(bearing)
         return Pose2D(target.x - distance * c, target.y - distance * s, bearing)
-    across_x, across_y = -distance * math.sin(heading), distance * math.cos(heading)
-    left = Pose2D(target.x + across_x, target.y + across_y, heading)
-    right = Pose2D(target.x - across_x, target.y - across_y, heading)
-    to_left = math.hypot(left.x - robot.x, left.y - robot.y)
-    return left if to_left <= math.hypot(right.x - robot.x, right.y - robot.y) else right
+    x, y = -distance * math.sin(heading), distance * math.cos(heading)
+    sides = Pose2D(target.x + x, target.y + y, heading), Pose2D(target.x - x, target.y - y, heading)
+    return min(sides, key=robot.distance)
 
 
 class ConstantVelocity:
@@ -161,19 +156,16 @@ class ConstantVelocity:
         self._state = np.array(first).reshape(2, 2)
         self._covariance = INITIAL * np.eye(2)
 
-    def step(self, measured: Seen) -> None:
-        """Predict one step, and correct by a measurement."""
+    def step(self, measured: Seen) -> Seen:
+        """Predict one step, and correct by a measurement; return the state `AHEAD_S` later."""
         transition = np.array(((1.0, STEP_S), (0.0, 1.0)))
         prior = product(product(transition, self._covariance), transition.T) + PROCESS * np.eye(2)
         gain = product(prior, inverse(prior + MEASURED * np.eye(2)))
         state = product(transition, self._state)
         self._state = state + product(gain, np.array(measured).reshape(2, 2) - state)
         self._covariance = MEASURED * gain  # (I - K) P = K R
-
-    def ahead(self, seconds: float) -> Seen:
-        """Return the state predicted some seconds ahead."""
         (x, y), (vx, vy) = self._state.tolist()
-        return Seen(x + seconds * vx, y + seconds * vy, vx, vy)
+        return Seen(x + AHEAD_S * vx, y + AHEAD_S * vy, vx, vy)
 
 
 def points(view: View) -> Floats:

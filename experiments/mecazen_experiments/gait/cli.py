@@ -41,10 +41,9 @@ def gait(
     from mecazen_experiments.gait import report  # noqa: PLC0415
     from mecazen_experiments.gait.stages import read_walk  # noqa: PLC0415
 
-    walk = read_walk(Recording(file), run, robot)
-    console(100).print(*report.report(walk, file.name), sep="\n")
+    stages, about = read_walk(Recording(file), run, robot)
+    about = {"recording": file.name, **about}
+    console(100).print(*report.report(stages, about), sep="\n")
     if export is not None:
-        about = {"recording": file.name, "view": walk.view, **walk._asdict()}
-        del about["stages"], about["reported_percent"]
-        for written in report.export(export, walk.stages, about):
+        for written in report.export(export, stages, about):
             typer.echo(written)

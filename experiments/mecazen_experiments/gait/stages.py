@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from mecazen.keys import ODOM, SKELETONS, TARGET_SKELETON
 from mecazen.messages import Message
 from mecazen.portable import Floats
 from mecazen.robots import split_key
-from mecazen.skeleton import INDEX, JOINTS, SIDES
+from mecazen.skeleton import JOINTS
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
 from mecazen_tools.table import Poses
 
-from mecazen_experiments.capture import SEEN, Motion, motions
-from mecazen_experiments.gait.events import Events, planted, zeni
-from mecazen_experiments.gait.parameters import Gait, Stride, strides, summary
-from mecazen_experiments.gait.path import PATH_HZ, about_path, lowpass
-from mecazen_experiments.gait.rhythm import rhythm
-from mecazen_experiments.refine import refine, smooth
+from mecazen_experiments.gait.cycle import cycle, regular, rhythm
+from mecazen_experiments.gait.motion import (
+    LEGS,
+    PATH_HZ,
+    SEEN,
+    Motion,
+    about_path,
+    lowpass,
+    motions,
+)
+from mecazen_experiments.gait.refine import refine, smooth, unswapped
+from mecazen_experiments.gait.strides import Events, Gait, planted, strides, summary, zeni
 
-LEGS = [[INDEX[f"{s}_{name}"] for name in ("knee", "ankle", "heel", "foot")] for s in SIDES]
-"""Joints that a leg's strides need."""
 WALKS_M_S = 0.25
 """Speed along the path above which a person walks."""
 BEGIN_S, END_S = 1.5, 0.5
@@ -42,7 +48,8 @@ class Stage(NamedTuple):
     body."""
     events: Events | None = None
     """Events; None if none can be found."""
-    strides: tuple[Stride, ...] = ()
+    strides: pd.DataFrame | None = None
+    """The rows of `strides`; None without any."""
 
     @property
     def gait(self) -> Gait | None:
@@ -53,7 +60,7 @@ class Stage(NamedTuple):
 def true_stage(truth: Motion) -> Stage:
     """Return the truth, with the events of the planted feet."""
     events = planted(truth.t, truth.joints)
-    return Stage(truth.t, truth.joints, events, tuple(strides(truth.t, truth.joints, events)))
+    return Stage(truth.t, truth.joints, events, strides(truth.t, truth.joints, events))
 
 
 def seen_stages(seen: Motion) -> dict[str, Stage]:
@@ -63,47 +70,37 @@ def seen_stages(seen: Motion) -> dict[str, Stage]:
     and is low-passed. `refined` is the result of `refine`. Events are corrected for their mean
     errors, and those of `filtered` follow the rhythm of the strides.
     """
-    stages = {"raw": Stage(seen.t, seen.joints)}
+    t, corrected = seen.t, unswapped(seen)
+    stages = {"raw": Stage(t, seen.joints)}
+    if (filtered := smooth(corrected)) is None:
+        return stages
+    if (walk := about_path(filtered, seen.rate_hz)) is None:
+        return stages | {"filtered": Stage(t, filtered)}
     legs_seen = np.stack([(seen.confidence[:, leg] == SEEN).all(axis=1) for leg in LEGS], axis=-1)
-    for name, joints in (("filtered", smooth(seen)), ("refined", refine(seen))):
-        if joints is None:
-            continue
-        stages[name] = Stage(seen.t, joints)
-        if (walk := about_path(joints, seen.rate_hz)) is not None:
-            events = zeni(seen.t, walk).corrected()
-            if name == "filtered":
-                events = events.each(rhythm(seen, walk).regular)
-            rows = tuple(strides(seen.t, joints, events, legs_seen))
-            stages[name] = Stage(seen.t, joints, events, rows)
-    if "filtered" in stages:
-        stages["raw"] = stages["raw"]._replace(events=stages["filtered"].events)
+    mean = cycle(corrected, walk)
+    even, actual = rhythm(corrected, walk, mean)
+    events = zeni(t, walk).each(partial(regular, even=even, actual=actual))
+    stages["raw"] = Stage(t, seen.joints, events)
+    stages["filtered"] = Stage(t, filtered, events, strides(t, filtered, events, legs_seen))
+    refined = refine(corrected, walk, mean)
+    stages["refined"] = Stage(t, refined)
+    if (walk := about_path(refined, seen.rate_hz)) is not None:
+        events = zeni(t, walk)
+        stages["refined"] = Stage(t, refined, events, strides(t, refined, events, legs_seen))
     return stages
 
 
-class RecordedWalk(NamedTuple):
-    """The longest walk of a recorded run."""
-
-    stages: dict[str, Stage]
-    """`raw`, `filtered`, `refined` and, if it was recorded, `truth`."""
-    run: int
-    seed: int
-    bearing_deg: float
-    """Direction to the robot, relative to straight ahead of the person; positive to the left."""
-    distance_m: float
-    """Mean distance from the pelvis to the robot."""
-    seen_percent: dict[str, float]
-    """Share of the frames in which each joint is in view and not hidden."""
-    reported_percent: float
-    """Share of the frames with a body."""
-
-    @property
-    def view(self) -> str:
-        """The side of the person that the robot sees."""
-        return VIEWS[round(self.bearing_deg / 45.0) % len(VIEWS)]
-
-
-def read_walk(recording: Recording, run: int | None = None, robot: str = "") -> RecordedWalk:
+def read_walk(
+    recording: Recording, run: int | None = None, robot: str = ""
+) -> tuple[dict[str, Stage], dict[str, Any]]:
     """Return the longest walk of a run, by default of the last one.
+
+    Returns:
+        The stages `raw`, `filtered`, `refined` and, if it was recorded, `truth`; and information on
+        the walk: `view`, the side of the person that the robot sees; `run` and `seed`;
+        `bearing_deg`, the direction to the robot, relative to straight ahead of the person and
+        positive to the left; `distance_m`, the mean distance from the pelvis to the robot; and
+        `seen_percent`, the share of the frames in which each joint is in view and not hidden.
 
     Raises:
         RecordingError: There is no such run, or the data of the body tracker was not recorded.
@@ -128,17 +125,16 @@ def read_walk(recording: Recording, run: int | None = None, robot: str = "") -> 
     ahead_x, ahead_y = pelvis[-1] - pelvis[0]
     to_robot = np.stack((robots.x, robots.y), axis=-1)[seen.reported] - pelvis
     x, y = to_robot.mean(axis=0)
-    bearing = math.atan2(ahead_x * y - ahead_y * x, ahead_x * x + ahead_y * y)
+    bearing_deg = math.degrees(math.atan2(ahead_x * y - ahead_y * x, ahead_x * x + ahead_y * y))
     shares = (1e2 * (seen.confidence == SEEN).mean(axis=0)).tolist()
-    return RecordedWalk(
-        stages,
-        run,
-        seed,
-        math.degrees(bearing),
-        float(np.hypot(*to_robot.T).mean()),
-        dict(zip(JOINTS, shares, strict=True)),
-        1e2 * float(seen.reported.mean()),
-    )
+    return stages, {
+        "view": VIEWS[round(bearing_deg / 45.0) % len(VIEWS)],
+        "run": run,
+        "seed": seed,
+        "bearing_deg": bearing_deg,
+        "distance_m": float(np.hypot(*to_robot.T).mean()),
+        "seen_percent": dict(zip(JOINTS, shares, strict=True)),
+    }
 
 
 def _messages(
@@ -170,7 +166,7 @@ def _messages(
 
 def _walked(seen: Motion) -> npt.NDArray[np.int64] | None:
     """Return the frames of the longest walk; None if it is shorter than 3 s."""
-    joints = smooth(seen)
+    joints = smooth(unswapped(seen))
     if joints is None:
         return None
     path = lowpass(joints[:, 0, :2], seen.rate_hz, PATH_HZ)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 from mecazen.loading import given_file, load_table
 from mecazen.robot import Robot
@@ -51,7 +50,7 @@ def identify(
     # every start of `mecazen` imports this module
     from mecazen_tools import files  # noqa: PLC0415
 
-    from mecazen_experiments.identify import data, motors, report  # noqa: PLC0415
+    from mecazen_experiments.identify import data, report  # noqa: PLC0415
     from mecazen_experiments.identify import identification as kinematics  # noqa: PLC0415
     from mecazen_experiments.identify.simulate import identified_robot  # noqa: PLC0415
     from mecazen_experiments.identify.validate import validate as validated  # noqa: PLC0415
@@ -60,18 +59,15 @@ def identify(
     runs, logs = data.read(sources)
     files.make_folder(out, "--out")
     if validate:
-        validation, changed = validated(base, runs)
-        result, lines = validation.identification, [*report.validation_lines(validation)]
+        result, changed, drifts = validated(base, runs)
+        lines = [*report.validation_lines(result, drifts)]
         typer.echo("\n".join(lines))
     else:
         result = kinematics.identify(base, runs, logs)
+        changed = identified_robot(base, result, runs[0])
         lines = [*report.identification_lines(result)]
-        changed = identified_robot(base, result.geometry.parameters, result.roller_count, runs[0])
-        if result.motors:
-            real = motors.identified_motors(result.motors)
-            changed = msgspec.structs.replace(changed, motors=real)
-        typer.echo(f"lateral over forward gain: {report.interval(result.lateral_gain, '.4f')}")
-        typer.echo(f"most likely number of rollers: {result.roller_count}")
+        gain = report.interval(result.parameters[-1]["lateral_gain"], ".4f")
+        typer.echo(f"lateral gain: {gain}, nearest to that of {result.rollers} rollers")
         for note in result.notes:
             typer.echo(note, err=True)
     name = "validation.md" if validate else "report.md"

@@ -56,9 +56,6 @@ class Run:
     """Angles of the wheels in the order of `WHEELS`, forward is positive (n, 4) [rad]."""
     group: str = ""
     """Name of the group; its runs share noise and the mounting of the reference's markers."""
-    missing: float = 0.0
-    """Share of the reference's time that is missing in the log of the wheels; `wheels` are
-    corrected for it."""
     gaps: tuple[int, ...] = ()
     """Indices of the samples before gaps."""
 
@@ -89,8 +86,6 @@ class MotorLog:
     """Commanded speeds during each interval (n, 4) [rad/s]."""
     speeds: Array
     """Mean speeds during each interval, from the wheels' positions (n, 4) [rad/s]."""
-    efforts: Array | None
-    """Torques of the motors at the end of each interval (n, 4) [N·m]."""
 
 
 def checked(run: Run) -> Run:
@@ -192,7 +187,6 @@ def _session(folder: Path) -> list[Run]:
             poses=table[:, 1:4],
             wheels=2.0 * math.pi * stretch * turned,
             group=f"{path}, markers {markers}" if markers else path,
-            missing=1.0 - 1.0 / stretch,
         )
         runs.append(checked(run))
     if not runs:
@@ -279,32 +273,31 @@ def _recorded(path: Path) -> tuple[list[Run], list[MotorLog]]:
         for key in (JOINT_STATES.key, GROUND_TRUTH.key):
             if len(samples[key]) < 2:
                 raise ConfigError(f"{name}: no {key}")
-        times, states = _columns(samples[JOINT_STATES.key])
-        wheels = _wheels(f"{name}: {JOINT_STATES.key}", states, "position")
-        truth_times, truth = _columns(samples[GROUND_TRUTH.key])
-        poses = np.array([odometry.pose.pose.to_planar() for odometry in truth])
+        times, wheels = _wheels(name, JOINT_STATES.key, samples, "position")
+        truth_times = np.array([time for time, _ in samples[GROUND_TRUTH.key]])
+        poses = np.array([truth.pose.pose.to_planar() for _, truth in samples[GROUND_TRUTH.key]])
         poses[:, 2] = np.unwrap(poses[:, 2])
         runs.append(checked(Run(name, path.stem, times, _at(times, truth_times, poses), wheels)))
         commands = samples[JOINT_COMMAND.key]
         if commands and all(command.velocity for _, command in commands):
-            logs.append(_motor_log(name, times, wheels, states, commands))
+            begins, speeds = _wheels(name, JOINT_COMMAND.key, samples, "velocity")
+            logs.append(_motor_log(times, wheels, begins, speeds))
     return runs, logs
 
 
-def _columns(samples: Sequence[tuple[float, Any]]) -> tuple[Array, list[Any]]:
-    return np.array([time for time, _ in samples]), [message for _, message in samples]
-
-
-def _wheels(name: str, states: Sequence[JointState], field: str) -> Array:
-    """Return the wheels' values of a field, e.g. `position` (n, 4)."""
-    rows = []
-    for state in states:
+def _wheels(
+    name: str, key: str, samples: Mapping[str, Sequence[tuple[float, JointState]]], field: str
+) -> tuple[Array, Array]:
+    """Return the times (n,) of a topic, and a field of the wheels, e.g. `position` (n, 4)."""
+    times, rows = [], []
+    for time, state in samples[key]:
         values = dict(zip(state.name, getattr(state, field), strict=False))
         try:
             rows.append([values[joint] for joint in WHEEL_JOINTS])
         except KeyError as error:
-            raise ConfigError(f"{name}: no {field} of {error.args[0]}") from None
-    return np.array(rows)
+            raise ConfigError(f"{name}: {key}: no {field} of {error.args[0]}") from None
+        times.append(time)
+    return np.array(times), np.array(rows)
 
 
 def _at(times: Array, sampled: Array, values: Array) -> Array:
@@ -312,25 +305,11 @@ def _at(times: Array, sampled: Array, values: Array) -> Array:
     return np.stack([np.interp(times, sampled, column) for column in values.T], axis=1)
 
 
-def _motor_log(
-    name: str,
-    times: Array,
-    wheels: Array,
-    states: Sequence[JointState],
-    commands: Sequence[tuple[float, JointState]],
-) -> MotorLog:
-    """Return the log of the motors at equal intervals."""
+def _motor_log(times: Array, wheels: Array, begins: Array, commands: Array) -> MotorLog:
+    """Return the log at equal intervals of commands that hold from the times `begins`."""
     period = float(np.median(np.diff(times)))
     count = round((times[-1] - times[0]) / period)
     grid = times[0] + period * np.arange(count + 1)
-    commanded, messages = _columns(commands)
-    values = np.concatenate(
-        [np.zeros((1, 4)), _wheels(f"{name}: {JOINT_COMMAND.key}", messages, "velocity")]
-    )
-    held = np.searchsorted(commanded, grid[:-1] + 1e-6, side="right")
-    efforts = None
-    if all(state.effort for state in states):
-        torques = _wheels(f"{name}: {JOINT_STATES.key}", states, "effort")
-        efforts = _at(grid[1:], times, torques)
+    held = np.searchsorted(begins, grid[:-1] + 1e-6, side="right")
     speeds = np.diff(_at(grid, times, wheels), axis=0) / period
-    return MotorLog(period, values[held], speeds, efforts)
+    return MotorLog(period, np.concatenate([np.zeros((1, 4)), commands])[held], speeds)

@@ -1,4 +1,4 @@
-"""Identifies the kinematics of a robot: models, their likelihood, and undetermined parameters."""
+"""Identifies the kinematics of a robot, the offset of two clocks, and the motors."""
 
 from __future__ import annotations
 
@@ -8,52 +8,35 @@ from dataclasses import dataclass
 
 import numpy as np
 from mecazen.robot import Robot
+from mecazen.rollers import lateral_gain
+from mecazen_tools.statistics import Interval
 from scipy.optimize import minimize_scalar
 
 from mecazen_experiments.identify.data import MotorLog, Run
 from mecazen_experiments.identify.models import (
-    ROLLER_COUNTS,
+    Fit,
+    Model,
     Unit,
+    ambiguities,
+    covariance,
     estimates,
     fit,
-    ideal,
-    lateral,
-    rollers,
 )
 from mecazen_experiments.identify.motors import identify_motors
 from mecazen_experiments.identify.windows import (
     Moments,
     blocks,
     check_wheels,
-    gains,
     moments,
     total,
 )
-from mecazen_experiments.statistics import Interval, jackknife, mean_interval
 
+ROLLER_COUNTS = range(5, 13)
+"""Hypotheses on the number of rollers."""
 MAX_OFFSET_S = 0.2
 """Maximum offset of the two clocks in the search."""
 OFFSET_RUNS = 24
 """Number of runs from which the offset of the clocks is estimated."""
-
-
-@dataclass(frozen=True)
-class ModelResult:
-    """A model's parameters, and sentences on those that are not determined."""
-
-    parameters: Mapping[str, Interval]
-    ambiguities: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class SessionResult:
-    """A session: lateral over forward gain, and the share of time that is missing in its log."""
-
-    session: str
-    runs: int
-    lateral_gain: Interval
-    """The interval is over blocks of windows."""
-    missing: float
 
 
 @dataclass(frozen=True)
@@ -62,32 +45,25 @@ class Identification:
 
     robot: str
     runs: int
+    sessions: int
     duration_s: float
     offset_s: Interval
     """Offset of the reference's clock ahead of that of the wheels."""
-    models: Mapping[str, ModelResult]
-    rollers: Mapping[int, Interval]
-    """By number of rollers: log-likelihood of the most likely number minus that of this number, for
-    all windows, with its interval over sessions."""
-    sessions: tuple[SessionResult, ...]
+    fits: tuple[Fit, ...]
+    """Ideal kinematics, those of a number of rollers, and those with a free lateral gain."""
+    parameters: tuple[Mapping[str, Interval], ...]
+    """The parameters of each fit."""
+    rollers: int
+    """Number of rollers whose lateral gain is nearest to the free one."""
     motors: Mapping[str, Interval]
     """Parameters of the motors, if commands are recorded."""
     notes: tuple[str, ...]
+    """Sentences on gaps, and on parameters that the data do not determine."""
 
     @property
-    def lateral_gain(self) -> Interval:
-        """Lateral over forward gain: mean over sessions."""
-        return mean_gain(self.sessions)
-
-    @property
-    def roller_count(self) -> int:
-        """The most likely number of rollers."""
-        return min(self.rollers, key=lambda count: self.rollers[count].mean)
-
-    @property
-    def geometry(self) -> ModelResult:
-        """The model with the most likely number of rollers."""
-        return self.models[f"geometry, {self.roller_count} rollers"]
+    def geometry(self) -> Fit:
+        """The fit with the lateral gain of a number of rollers."""
+        return self.fits[1]
 
 
 def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -> Identification:
@@ -100,21 +76,24 @@ def identify(robot: Robot, runs: Sequence[Run], logs: Sequence[MotorLog] = ()) -
         check_wheels(session, total(moments(r) for r in runs if r.session == session), robot)
     offset = clock_offset(robot, runs)
     units = run_units(runs, offset.mean)
-    behind = _roller_counts(robot, runs, units)
-    likeliest = rollers(robot, min(behind, key=lambda count: behind[count].mean))
     independent = independent_units(runs, units, offset.mean)
-    models = (ideal(robot), likeliest, lateral(robot))
-    motors, notes = identify_motors(logs) if logs else ({}, ())
+    free = fit(Model("lateral gain free", robot), units)
+    gain = free.by_name["lateral_gain"]
+    count = min(ROLLER_COUNTS, key=lambda count: abs(lateral_gain(count) - gain))
+    geometry = Model(f"geometry, {count} rollers", robot, lateral_gain(count))
+    fits = (fit(Model("ideal, calibrated", robot, 1.0), units), fit(geometry, units), free)
+    motors, motor_notes = identify_motors(logs) if logs else ({}, ())
     return Identification(
         robot.name,
         len(runs),
+        len(sessions(runs)),
         math.fsum(float(run.times[-1] - run.times[0]) for run in runs),
         offset,
-        {model.name: ModelResult(*estimates(fit(model, units), independent)) for model in models},
-        behind,
-        session_results(runs, offset.mean, robot),
+        fits,
+        tuple(estimates(fitted, independent) for fitted in fits),
+        count,
         motors,
-        (*gap_lines(runs), *notes),
+        (*gap_lines(runs), *ambiguities([*free.by_name], covariance(free.slopes)), *motor_notes),
     )
 
 
@@ -154,10 +133,8 @@ def clock_offset(robot: Robot, runs: Sequence[Run]) -> Interval:
 
     def cost(offset_s: float) -> float:
         units = run_units(chosen, offset_s)
-        fitted = fit(lateral(robot), units)
         windows = sum(part.count for _, part in units)
-        sums = {g: total(part for group, part in units if group == g) for g, _ in units}
-        return -sum(fitted.log_likelihood(group, part) for group, part in sums.items()) / windows
+        return -fit(Model("lateral gain free", robot), units).log_likelihood / windows
 
     best = float(
         minimize_scalar(cost, bounds=(-MAX_OFFSET_S, MAX_OFFSET_S), options={"xatol": 1e-4}).x
@@ -167,44 +144,3 @@ def clock_offset(robot: Robot, runs: Sequence[Run]) -> Interval:
     bend = windows * (cost(best + step) + cost(best - step) - 2.0 * cost(best)) / step**2
     half = 1.96 / math.sqrt(bend) if bend > 0.0 else math.inf
     return Interval(best, best - half, best + half, windows)
-
-
-def _roller_counts(robot: Robot, runs: Sequence[Run], units: Sequence[Unit]) -> dict[int, Interval]:
-    """Return how far each number of rollers, fitted to all runs, is behind the most likely one."""
-    table = {}
-    for count in ROLLER_COUNTS:
-        fitted = fit(rollers(robot, count), units)
-        by_session = dict.fromkeys(sessions(runs), 0.0)
-        for run, (group, part) in zip(runs, units, strict=True):
-            by_session[run.session] += fitted.log_likelihood(group, part)
-        table[count] = [*by_session.values()]
-    top = max(table.values(), key=math.fsum)
-    return {
-        count: mean_interval([len(top) * (a - b) for a, b in zip(top, scores, strict=True)])
-        for count, scores in table.items()
-    }
-
-
-def session_results(
-    runs: Sequence[Run], offset_s: float, robot: Robot
-) -> tuple[SessionResult, ...]:
-    """Return lateral over forward gain of each session, with its interval over blocks."""
-
-    def ratio(parts: Sequence[Moments]) -> list[float]:
-        forward, lateral, _ = gains(total(parts))[0].tolist()
-        return [lateral / forward * robot.cross_gain]
-
-    results = []
-    for session in sessions(runs):
-        chosen = [run for run in runs if run.session == session]
-        (gain,) = jackknife(ratio, [part for run in chosen for part in blocks(run, offset_s)])
-        missing = math.fsum(run.missing for run in chosen) / len(chosen)
-        results.append(SessionResult(session, len(chosen), gain, missing))
-    return tuple(results)
-
-
-def mean_gain(results: Sequence[SessionResult]) -> Interval:
-    """Return the mean of the lateral over forward gain over sessions; of one, its interval."""
-    if len(results) == 1:
-        return results[0].lateral_gain
-    return mean_interval([result.lateral_gain.mean for result in results])

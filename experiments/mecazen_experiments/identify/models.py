@@ -17,19 +17,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from mecazen.robot import Robot
+from mecazen_tools.statistics import Interval
 from scipy.optimize import least_squares
 
 from mecazen_experiments.identify.data import Array
 from mecazen_experiments.identify.windows import Moments, gains, ideal_matrix, in_reference, total
-from mecazen_experiments.statistics import Interval, jackknife
+from mecazen_experiments.statistics import jackknife
 
 FRAME = ("misalignment_rad", "offset_x_m", "offset_y_m")
 """Mounting of the reference on the robot: its yaw, and its position in base_link."""
-ROLLER_COUNTS = range(5, 13)
-"""Hypotheses on the number of rollers."""
 ROUNDS = 4
 """Number of fits; each uses the noise estimated by the previous fit."""
 MAX_CORRELATION = 0.995
@@ -74,27 +74,6 @@ class Model:
         return in_reference(j, self.mounting(values, group))
 
 
-def rollers_gain(count: int) -> float:
-    """Return the lateral gain of a wheel of `count` rollers."""
-    arc = math.pi / count
-    return math.sin(arc) / arc
-
-
-def ideal(robot: Robot) -> Model:
-    """Return the ideal kinematics."""
-    return Model("ideal, calibrated", robot, 1.0)
-
-
-def rollers(robot: Robot, count: int) -> Model:
-    """Return the model with the lateral gain of a wheel of `count` rollers."""
-    return Model(f"geometry, {count} rollers", robot, rollers_gain(count))
-
-
-def lateral(robot: Robot) -> Model:
-    """Return the model with a free lateral gain."""
-    return Model("lateral gain free", robot)
-
-
 @dataclass(frozen=True)
 class Fit:
     """A model fitted to groups of runs."""
@@ -105,6 +84,8 @@ class Fit:
     noise: Mapping[str, Noise]
     slopes: Array
     """Derivatives of the residuals in units of their noise (m, p)."""
+    log_likelihood: float
+    """Logarithm of the likelihood of all windows."""
 
     @property
     def by_name(self) -> dict[str, float]:
@@ -119,31 +100,59 @@ class Fit:
         """Return J and the reference's offset for a group (14,)."""
         return self.model.coefficients(self.values, self.groups.index(group))
 
-    def log_likelihood(self, group: str, moments: Moments) -> float:
-        """Return the logarithm of the likelihood of windows of a group."""
-        errors = moments.errors(self.coefficients(group)).tolist()
-        result = 0.0
-        for error, sigma, axes in zip(errors, self.noise[group], (2, 1), strict=True):
-            result -= error / (2.0 * sigma**2)
-            result -= axes * moments.count * math.log(sigma * math.sqrt(2.0 * math.pi))
-        return result
 
+def fit(model: Model, units: Sequence[Unit], near: Fit | None = None) -> Fit:
+    """Return the fit of a model to parts of the data.
 
-def fit(model: Model, units: Sequence[Unit]) -> Fit:
-    """Return the fit of a model to parts of the data."""
-    return _fit(model, _sums(units))
-
-
-def estimates(fitted: Fit, units: Sequence[Unit]) -> tuple[dict[str, Interval], tuple[str, ...]]:
-    """Return the parameters with intervals, and sentences on undetermined parameters.
-
-    Args:
-        fitted: The fit.
-        units: The independent parts of the data.
+    With `near`, a fit to more parts, start there and keep its noise.
     """
+    groups = tuple(sorted({group for group, _ in units}))
+    sums = {name: total(part for group, part in units if group == name) for name in groups}
+    names = model.names(groups)
+    if near is None:
+        noise: Mapping[str, Noise] = dict.fromkeys(groups, (1e-3, 1e-3))
+        turns = (gains(moments)[1] for moments in sums.values())
+        start = {**model.start, **dict(zip(names[len(model.start) :: 3], turns, strict=True))}
+    else:
+        noise, start = near.noise, near.by_name
+    values = np.array([start.get(name, 0.0) for name in names])
+    for _ in range(ROUNDS if near is None else 1):
+        roots = [_root(moments, noise[group]) for group, moments in sums.items()]
+        solution = least_squares(
+            lambda v, roots=roots: np.concatenate(
+                [a @ model.coefficients(v, index) - b for index, (a, b) in enumerate(roots)]
+            ),
+            values,
+            x_scale="jac",
+            xtol=1e-8 if near is None else 1e-5,
+        )
+        values = solution.x
+        errors = {
+            group: moments.errors(model.coefficients(values, index)).tolist()
+            for index, (group, moments) in enumerate(sums.items())
+        }
+        if near is None:
+            # never 0: residuals of data without noise would have no scale
+            noise = {
+                group: (
+                    max(math.sqrt(position / (2 * sums[group].count)), 1e-9),
+                    max(math.sqrt(yaw / sums[group].count), 1e-9),
+                )
+                for group, (position, yaw) in errors.items()
+            }
+    likelihood = 0.0
+    for group, moments in sums.items():
+        for error, sigma, axes in zip(errors[group], noise[group], (2, 1), strict=True):
+            likelihood -= error / (2.0 * sigma**2)
+            likelihood -= axes * moments.count * math.log(sigma * math.sqrt(2.0 * math.pi))
+    return Fit(model, groups, values, noise, solution.jac, likelihood)
+
+
+def estimates(fitted: Fit, units: Sequence[Unit]) -> dict[str, Interval]:
+    """Return the parameters of a fit with their intervals over independent parts of the data."""
 
     def values(kept: Sequence[Unit]) -> list[float]:
-        again = _fit(fitted.model, _sums(kept), fitted).by_name
+        again = fit(fitted.model, kept, fitted).by_name
         return [again.get(name, math.nan) for name in fitted.by_name]  # NaN without the group
 
     result = {}
@@ -152,54 +161,7 @@ def estimates(fitted: Fit, units: Sequence[Unit]) -> tuple[dict[str, Interval], 
     ):
         half = interval.high - interval.mean
         result[name] = Interval(value, value - half, value + half, interval.n)
-    return result, ambiguities([*result], covariance(fitted.slopes))
-
-
-def _sums(units: Sequence[Unit]) -> dict[str, Moments]:
-    """Return the sum of each group, in the order of their names."""
-    groups = sorted({group for group, _ in units})
-    return {name: total(part for group, part in units if group == name) for name in groups}
-
-
-def _fit(model: Model, sums: Mapping[str, Moments], near: Fit | None = None) -> Fit:
-    """Return the fit to sums of groups; with `near`, start there and keep its noise."""
-    groups = tuple(sums)
-    names = model.names(groups)
-    if near is None:
-        noise: Mapping[str, Noise] = dict.fromkeys(groups, (1e-3, 1e-3))
-        turns = dict(zip(names[len(model.start) :: 3], map(_turn, sums.values()), strict=False))
-        start = {**model.start, **turns}
-    else:
-        noise, start = near.noise, near.by_name
-    values = np.array([start.get(name, 0.0) for name in names])
-    for _ in range(ROUNDS if near is None else 1):
-        roots = [_root(moments, noise[group]) for group, moments in sums.items()]
-        solution = least_squares(
-            lambda v, roots=roots: _residuals(model, v, roots),
-            values,
-            x_scale="jac",
-            xtol=1e-8 if near is None else 1e-5,
-        )
-        values = solution.x
-        if near is None:
-            noise = {
-                group: _noise(moments, model.coefficients(values, index))
-                for index, (group, moments) in enumerate(sums.items())
-            }
-    return Fit(model, groups, values, noise, solution.jac)
-
-
-def _turn(moments: Moments) -> float:
-    return gains(moments)[1]
-
-
-def _noise(moments: Moments, coefficients: Array) -> Noise:
-    position, yaw = moments.errors(coefficients).tolist()
-    # never 0: residuals of data without noise would have no scale
-    return (
-        max(math.sqrt(position / (2 * moments.count)), 1e-9),
-        max(math.sqrt(yaw / moments.count), 1e-9),
-    )
+    return result
 
 
 def _root(moments: Moments, noise: Noise) -> tuple[Array, Array]:
@@ -211,12 +173,6 @@ def _root(moments: Moments, noise: Noise) -> tuple[Array, Array]:
     kept = eigenvalues > 1e-12 * eigenvalues[-1]
     root = np.sqrt(eigenvalues[kept])
     return root[:, None] * vectors[:, kept].T, (vectors[:, kept].T @ mixed) / root
-
-
-def _residuals(model: Model, values: Array, roots: Sequence[tuple[Array, Array]]) -> Array:
-    return np.concatenate(
-        [a @ model.coefficients(values, index) - b for index, (a, b) in enumerate(roots)]
-    )
 
 
 def covariance(slopes: Array) -> Array:
@@ -241,13 +197,11 @@ def ambiguities(names: Sequence[str], covariance: Array) -> tuple[str, ...]:
         for name, clear in zip(names, is_clear, strict=True)
         if not clear
     ]
-    kept = np.flatnonzero(is_clear).tolist()
-    for position, i in enumerate(kept):
-        for j in kept[position + 1 :]:
-            correlation = covariance[i, j] / (deviations[i] * deviations[j])
-            if abs(correlation) > MAX_CORRELATION:
-                lines.append(
-                    f"{names[i]} and {names[j]} can't be told apart: their correlation is "
-                    f"{correlation:.3f}"
-                )
+    for i, j in combinations(np.flatnonzero(is_clear).tolist(), 2):
+        correlation = covariance[i, j] / (deviations[i] * deviations[j])
+        if abs(correlation) > MAX_CORRELATION:
+            lines.append(
+                f"{names[i]} and {names[j]} can't be told apart: their correlation is "
+                f"{correlation:.3f}"
+            )
     return tuple(lines)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 import tomli_w
 from mecazen.robot import Robot
+from mecazen.rollers import lateral_gain
+from mecazen_tools.statistics import Interval
 
-from mecazen_experiments.identify.identification import Identification
-from mecazen_experiments.identify.models import rollers_gain
-from mecazen_experiments.identify.validate import HORIZON_S, Validation
-from mecazen_experiments.statistics import Interval
+from mecazen_experiments.identify.identification import ROLLER_COUNTS, Identification
+from mecazen_experiments.identify.validate import HORIZON_S
 
 
 def robot_file(robot: Robot, result: Identification) -> str:
@@ -27,65 +27,63 @@ def identification_lines(result: Identification) -> Iterator[str]:
     """Yield the report of an identification as Markdown."""
     yield f"# Identification of {result.robot}\n"
     yield (
-        f"{result.runs} runs of {len(result.sessions)} sessions, {result.duration_s / 60.0:.0f} "
+        f"{result.runs} runs of {result.sessions} sessions, {result.duration_s / 60.0:.0f} "
         f"min. The reference's clock is {interval(result.offset_s, '.5g', 1e3)} ms ahead of the "
         "wheels'.\n"
     )
     yield from (f"- {note}" for note in result.notes)
-    yield "\n## Rollers\n"
-    yield (
-        "The lateral gain is all that the number of rollers changes in these data. So each N is a "
-        "hypothesis that rollers alone cause it: slip, or rollers that give way, would look like "
-        "fewer rollers.\n"
+    yield "\n## Kinematics\n"
+    yield from _table(
+        ("parameter, with the 95 % interval", *(fitted.model.name for fitted in result.fits)),
+        (
+            [name, *(_cell(parameters, name) for parameters in result.parameters)]
+            for name in result.parameters[-1]
+        ),
     )
-    yield "| N | sin(π/N)/(π/N) | log-likelihood behind the best (95 % interval over sessions) |"
-    yield "| --- | --- | --- |"
-    for count, behind in result.rollers.items():
-        yield f"| {count} | {rollers_gain(count):.4f} | {interval(behind, '.0f')} |"
+    gains = ", ".join(f"{lateral_gain(count):.4f} (N = {count})" for count in ROLLER_COUNTS)
     yield (
-        f"\nLateral over forward gain: {interval(result.lateral_gain, '.4f')}, with the 95 % "
-        "interval over sessions. That of a single session is over blocks of windows.\n"
+        f"\nIntervals are over sessions, or over blocks of a single session. Wheels of N rollers "
+        f"have the lateral gain {gains}. Slip, or rollers that give way, would look like fewer "
+        "rollers."
     )
-    yield "| session | runs | lateral over forward gain | time without a log of the wheels |"
-    yield "| --- | --- | --- | --- |"
-    for session in result.sessions:
-        gain = interval(session.lateral_gain, ".4f")
-        yield f"| {session.session} | {session.runs} | {gain} | {session.missing:.1%} |"
     if result.motors:
         yield "\n## Motors\n"
-        yield "| parameter | value, 95 % interval by the curvature |"
-        yield "| --- | --- |"
-        yield from (
-            f"| {name} | {interval(value, '.5g')} |" for name, value in result.motors.items()
+        yield from _table(
+            ("parameter", "value, 95 % interval by the curvature"),
+            ([name, interval(value, ".5g")] for name, value in result.motors.items()),
         )
-    for name, model in result.models.items():
-        yield f"\n## Parameters: {name}\n"
-        yield "| parameter | value, 95 % interval over sessions |"
-        yield "| --- | --- |"
-        for parameter, estimate in model.parameters.items():
-            yield f"| {parameter} | {interval(estimate, '.5g')} |"
-        yield from (f"\n- {line}" for line in model.ambiguities)
 
 
-def validation_lines(result: Validation) -> Iterator[str]:
-    """Yield the report of a validation as Markdown."""
+def validation_lines(
+    result: Identification, drifts: Mapping[tuple[str, str], Sequence[Interval]]
+) -> Iterator[str]:
+    """Yield the report of a validation as Markdown; `drifts` are those of `validate`."""
     yield "# Validation\n"
     yield (
-        f"Fitted on {len(result.fitted)} sessions, validated on {len(result.held_out)} others. "
-        f"Drift after {HORIZON_S:g} s: median (95 % interval "
-        "over sessions; of two, half of their difference on both sides), 95th percentile.\n"
+        f"Fitted on {result.sessions} sessions, validated on the others. "
+        f"Drift after {HORIZON_S:g} s: median (95 % interval over sessions; of two, half of their "
+        "difference on both sides), 95th percentile.\n"
     )
-    yield "| model | path | position [mm] | yaw [mrad] |"
-    yield "| --- | --- | --- | --- |"
-    for (model, path), drift in result.drifts.items():
-        cells = (
-            f"{interval(median, '.1f', 1e3)}, {1e3 * p95.mean:.1f}"
-            for median, p95 in (drift[:2], drift[2:])
-        )
-        yield f"| {model} | {path} | {' | '.join(cells)} |"
+    yield from _table(
+        ("model", "path", "position [mm]", "yaw [mrad]"),
+        ([*names, _drift(*drift[:2]), _drift(*drift[2:])] for names, drift in drifts.items()),
+    )
 
 
 def interval(value: Interval, form: str, scale: float = 1.0) -> str:
     """Return a value with its interval, or with both values of two; a single one has none."""
     mean, low, high = (f"{scale * each:{form}}" for each in (value.mean, *value.ends))
     return mean if value.n == 1 else f"{mean} ({low}{', ' if value.n == 2 else ' to '}{high})"
+
+
+def _cell(parameters: Mapping[str, Interval], name: str) -> str:
+    return interval(parameters[name], ".5g") if name in parameters else ""
+
+
+def _drift(median: Interval, p95: Interval) -> str:
+    return f"{interval(median, '.1f', 1e3)}, {1e3 * p95.mean:.1f}"
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    for row in (header, ["---"] * len(header), *rows):
+        yield f"| {' | '.join(row)} |"

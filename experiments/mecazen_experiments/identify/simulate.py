@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import repeat
 
 import msgspec
 import numpy as np
 from mecazen.config import PhysicsConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.robot import Robot
+from mecazen.robot import RealMotors, Robot
 from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
 
 from mecazen_experiments.identify.data import Array, Run
-from mecazen_experiments.identify.windows import TURNS, shifted
-from mecazen_experiments.runs import CORES, processes
-from mecazen_experiments.statistics import Interval
+from mecazen_experiments.identify.identification import Identification
+from mecazen_experiments.identify.motors import identified_motors
+from mecazen_experiments.identify.windows import TURNS
 
 ROLLER_SHARE = 0.3
 """Maximum rotation of a wheel in a step at its highest speed, as a share of the roller pitch."""
@@ -45,57 +43,39 @@ def simulated(robot: Robot, run: Run) -> Array:
     return poses
 
 
-def all_simulated(robot: Robot, runs: Sequence[Run]) -> list[Array]:
-    """Return the poses of each run, simulated on all cores."""
-    with processes(min(CORES, len(runs))) as pool:
-        return list(pool.map(simulated, repeat(robot), runs))
-
-
-def mounted(poses: Array, mounting: Array) -> Array:
-    """Convert poses of base_link to poses of the reference.
-
-    Args:
-        poses: Poses of base_link (n, 3).
-        mounting: Misalignment [rad] and offset [m] of the reference (3,).
-    """
-    return shifted(poses + np.array([0.0, 0.0, mounting[0]]), mounting[1:])
-
-
-def identified_robot(
-    robot: Robot, parameters: Mapping[str, Interval], count: int, run: Run
-) -> Robot:
-    """Return the robot file with the identified radius, lever and number of rollers.
+def identified_robot(robot: Robot, result: Identification, run: Run) -> Robot:
+    """Return the robot file with the identified radius, lever, number of rollers, and motors.
 
     Wheelbase and track are scaled by the same factor. Since contacts move along the axles, a robot
-    turns by another angle than the ideal kinematics of its file. So the scale is
-    chosen such that the simulation of a run turns as far as the identified kinematics.
+    turns by another angle than the ideal kinematics of its file. So the scale is chosen such that
+    the simulation of a run turns as far as the identified kinematics.
 
     Raises:
         ConfigError: Such a robot can't be simulated.
     """
-    radius, lever = (parameters[name].mean for name in ("radius_m", "lever_m"))
-    unscaled = _scaled(robot, radius, lever / robot.lever, count)
+    radius, lever = (result.geometry.by_name[name] for name in ("radius_m", "lever_m"))
+
+    def scaled(scale: float) -> Robot:
+        wheels = msgspec.structs.replace(
+            robot.wheels,
+            radius_m=round(radius, 6),
+            wheelbase_m=round(robot.wheels.wheelbase_m * scale, 6),
+            track_m=round(robot.wheels.track_m * scale, 6),
+        )
+        rollers = msgspec.structs.replace(robot.rollers, count=result.rollers)
+        try:
+            return msgspec.structs.replace(robot, wheels=wheels, rollers=rollers)
+        except ValueError as error:
+            raise ConfigError(f"the identified robot: {error}") from None
+
     end = round(TURNED_S / run.period_s)
     short = replace(run, times=run.times[:end], poses=run.poses[:end], wheels=run.wheels[:end])
     size = max(1, round(TURN_S / run.period_s))
     ideal = np.diff((short.wheels @ TURNS)[::size]) * radius / 4.0 / lever
-    turned = np.diff(simulated(unscaled, short)[::size, 2])
+    turned = np.diff(simulated(scaled(lever / robot.lever), short)[::size, 2])
     gain = float(turned @ ideal / (ideal @ ideal))
-    return _scaled(robot, radius, gain * lever / robot.lever, count)
-
-
-def _scaled(robot: Robot, radius: float, scale: float, count: int) -> Robot:
-    wheels = robot.wheels
-    try:
-        return msgspec.structs.replace(
-            robot,
-            wheels=msgspec.structs.replace(
-                wheels,
-                radius_m=round(radius, 6),
-                wheelbase_m=round(wheels.wheelbase_m * scale, 6),
-                track_m=round(wheels.track_m * scale, 6),
-            ),
-            rollers=msgspec.structs.replace(robot.rollers, count=count),
-        )
-    except ValueError as error:
-        raise ConfigError(f"the identified robot: {error}") from None
+    changed = scaled(gain * lever / robot.lever)
+    if result.motors:
+        motors = identified_motors(robot.motors or RealMotors(), result.motors)
+        changed = msgspec.structs.replace(changed, motors=motors)
+    return changed

@@ -1,57 +1,37 @@
-"""Validation: fits models to some sessions of a real robot, and reports the drift on all others.
+"""Validation: fits models to some sessions of a real robot, and compares their drift on all others.
 
 The unit of independence is a session: its runs share the floor, the mounting and the battery.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
+from itertools import repeat
 
 import numpy as np
 from mecazen.errors import ConfigError
 from mecazen.robot import Robot
+from mecazen_tools.pool import CORES, processes
+from mecazen_tools.statistics import Interval
 
 from mecazen_experiments.identify.data import Array, Run
-from mecazen_experiments.identify.identification import (
-    Identification,
-    identify,
-    run_units,
-    sessions,
+from mecazen_experiments.identify.identification import Identification, identify, sessions
+from mecazen_experiments.identify.simulate import identified_robot, simulated
+from mecazen_experiments.identify.windows import (
+    drifts,
+    ideal_matrix,
+    in_reference,
+    mounted,
+    odometry,
 )
-from mecazen_experiments.identify.models import fit, ideal, lateral, rollers
-from mecazen_experiments.identify.simulate import all_simulated, identified_robot, mounted
-from mecazen_experiments.identify.windows import drifts, ideal_matrix, in_reference, odometry
-from mecazen_experiments.statistics import Interval, jackknife
+from mecazen_experiments.statistics import jackknife
 
 HORIZON_S = 10.0
 """Time after which drift is measured."""
 
-
-class Drift(NamedTuple):
-    """Drift of a model over all spans of the held-out runs of a kind of path.
-
-    The intervals are over sessions.
-    """
-
-    position_median_m: Interval
-    position_p95_m: Interval
-    yaw_median_rad: Interval
-    yaw_p95_rad: Interval
-
-
-@dataclass(frozen=True)
-class Validation:
-    """The result of a validation."""
-
-    fitted: tuple[str, ...]
-    """Sessions for fitting."""
-    held_out: tuple[str, ...]
-    drifts: Mapping[tuple[str, str], Drift]
-    """By model and kind of path."""
-    identification: Identification
-    """Identification from the sessions for fitting only."""
+Drifts = dict[tuple[str, str], list[Interval]]
+"""Median and 95th percentile of the drift in position [m], then in yaw [rad], with intervals over
+sessions, by model and kind of path."""
 
 
 def split(runs: Sequence[Run]) -> tuple[list[Run], list[Run]]:
@@ -77,38 +57,32 @@ def split(runs: Sequence[Run]) -> tuple[list[Run], list[Run]]:
     return fitted, held_out
 
 
-def validate(robot: Robot, runs: Sequence[Run]) -> tuple[Validation, Robot]:
-    """Fit on some sessions, and return the drift on the others and the identified robot."""
+def validate(robot: Robot, runs: Sequence[Run]) -> tuple[Identification, Robot, Drifts]:
+    """Return what is identified from some sessions, the robot, and the drift on the others."""
     fitted, held_out = split(runs)
-    identification = identify(robot, fitted)
-    offset_s, count = identification.offset_s.mean, identification.roller_count
-    changed = identified_robot(robot, identification.geometry.parameters, count, fitted[0])
-    units = run_units(fitted, offset_s)
-    geometry = fit(rollers(robot, count), units)
-    nominal = ideal_matrix(robot, robot.wheels.radius_m, robot.lever)
-    coefficients = in_reference(nominal, np.zeros(3))
-    paths = {"nominal": [odometry(run, coefficients) for run in held_out]}
-    for kinematics in (fit(ideal(robot), units), geometry, fit(lateral(robot), units)):
+    result = identify(robot, fitted)
+    changed = identified_robot(robot, result, fitted[0])
+    nominal = in_reference(ideal_matrix(robot, robot.wheels.radius_m, robot.lever), np.zeros(3))
+    paths = {"nominal": [odometry(run, nominal) for run in held_out]}
+    for kinematics in result.fits:
         paths[kinematics.model.name] = [
             odometry(run, kinematics.coefficients(run.group)) for run in held_out
         ]
+    with processes(min(CORES, len(held_out))) as pool:
+        driven = list(pool.map(simulated, repeat(changed), held_out))
     paths["full physics"] = [
-        mounted(poses, geometry.mounting(run.group))
-        for run, poses in zip(held_out, all_simulated(changed, held_out), strict=True)
+        mounted(poses, result.geometry.mounting(run.group))
+        for run, poses in zip(held_out, driven, strict=True)
     ]
-    return Validation(
-        sessions(fitted),
-        sessions(held_out),
-        {
-            (model, kind): _drift(held_out, poses, kind)
-            for kind in sorted({run.path for run in held_out})
-            for model, poses in paths.items()
-        },
-        identification,
-    ), changed
+    drift = {
+        (model, kind): _drift(held_out, poses, kind)
+        for kind in sorted({run.path for run in held_out})
+        for model, poses in paths.items()
+    }
+    return result, changed, drift
 
 
-def _drift(runs: Sequence[Run], poses: Sequence[Array], kind: str) -> Drift:
+def _drift(runs: Sequence[Run], poses: Sequence[Array], kind: str) -> list[Interval]:
     """Return the drift of predicted poses of runs on one kind of path."""
     by_session: dict[str, list[Array]] = {}
     for run, path in zip(runs, poses, strict=True):
@@ -118,4 +92,4 @@ def _drift(runs: Sequence[Run], poses: Sequence[Array], kind: str) -> Drift:
     def statistics(parts: Sequence[Array]) -> list[float]:
         return np.percentile(np.concatenate(parts), [50.0, 95.0], axis=0).T.ravel().tolist()
 
-    return Drift(*jackknife(statistics, [np.concatenate(each) for each in by_session.values()]))
+    return jackknife(statistics, [np.concatenate(each) for each in by_session.values()])

@@ -240,6 +240,16 @@ def shifted(poses: Array, offset: Array) -> Array:
     return np.stack([x, y, poses[:, 2]], axis=1)
 
 
+def mounted(poses: Array, mounting: Array) -> Array:
+    """Return poses of the reference for poses of base_link (n, 3).
+
+    Args:
+        poses: Poses of base_link (n, 3).
+        mounting: Misalignment [rad] and offset [m] of the reference (3,).
+    """
+    return shifted(poses + np.array([0.0, 0.0, mounting[0]]), mounting[1:])
+
+
 def drifts(run: Run, poses: Array, horizon_s: float) -> Array:
     """Return the drift of `poses` in consecutive spans of the run: [m] and [rad] (m, 2).
 

@@ -7,12 +7,12 @@ import math
 from typing import Any
 
 from mecazen import messages as m
+from mecazen.commands import Commands, Source, sources
 from mecazen.config import Scenario
 from mecazen.drive import Drive, LimiterState, axis_limits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.keys import (
-    CMD_VEL,
     GROUND_TRUTH,
     GUARD_CMD_VEL,
     JOINT_COMMAND,
@@ -122,7 +122,7 @@ class OdometryNode(Node):
 
 
 class ControllerNode(Node):
-    """Wheel speeds for the newest commanded twist, within limits; zero if it is stale.
+    """Wheel speeds for the commanded twist that is obeyed, within limits; zero if there is none.
 
     The limits apply once per tick, independent of the number of commands in it.
     """
@@ -133,7 +133,7 @@ class ControllerNode(Node):
         self.kinematics = MecanumKinematics.from_robot(scenario.robot, self.config)
         self.max_speed = scenario.robot.wheels.max_speed_rad_s
         self.tick_s = scenario.sim.tick_s
-        self.command = GUARD_CMD_VEL if "guard" in scenario.features else CMD_VEL
+        self.commands = Commands(())
         self._read_limits()
         robot = MecanumKinematics.from_robot(scenario.robot)
         for name in ("half_wheelbase", "half_track", "wheel_radius"):
@@ -152,16 +152,20 @@ class ControllerNode(Node):
         wheels, axes = self.kinematics, axis_limits(self.config.limits)
         rim_speed = self.max_speed * wheels.wheel_radius
         self.drive = Drive(rim_speed, abs(wheels.cross_gain), abs(wheels.lever), axes)
-        self.timeout_s = self.scenario.command_timeout_s
+        self.commands.sources = sources(self.scenario)
+        if "guard" in self.scenario.features:  # which has chosen
+            guarded = Source(GUARD_CMD_VEL, self.scenario.command_timeout_s, "guard")
+            self.commands.sources = (guarded,)
         self.wheel_timeout_s = self.scenario.wheel_timeout_s
 
     def reset(self, seed: int) -> None:
         """Set the robot at rest, without a command."""
         del seed
-        self.reference = Twist2D()
+        self.commands.reset()
         self.reference_age_s = math.inf
+        """Age of the newest command of any source [s]."""
         self.expired_ticks = 0
-        """Number of steps in which the newest command was too old."""
+        """Number of steps after the first command in which none could be obeyed."""
         self.velocity = self.next_velocity = (LimiterState(), LimiterState(), LimiterState())
         self.begun = False
 
@@ -169,13 +173,10 @@ class ControllerNode(Node):
         """Return the wheel command of a tick."""
         if tick.period_s > 0.0:  # if 0, a newer command replaces the one of this tick
             self._begin(tick, inputs)
-        command = inputs.get(self.command)
-        if command is not None:
-            self.reference = command.to_planar()
-        self.reference_age_s = inputs.age_s(self.command)
-        fresh = self.reference_age_s <= self.timeout_s + ROUNDING_S
-        self.expired_ticks += not fresh and self.reference_age_s < math.inf
-        wanted = self.reference if fresh else Twist2D()
+        command = self.commands.choose(inputs)
+        self.reference_age_s = self.commands.age_s(inputs)
+        self.expired_ticks += command is None and self.reference_age_s < math.inf
+        wanted = Twist2D() if command is None else command.to_planar()
         self.next_velocity = self.drive.limited(self.velocity, wanted, self.tick_s)
         x, y, yaw = (axis.velocity for axis in self.next_velocity)
         speeds = self.kinematics.inverse(Twist2D(x, y, yaw)).desaturate(self.max_speed)
@@ -200,11 +201,12 @@ class ControllerNode(Node):
         self.begun = True
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the age of the command, and the number of ticks in which it was too old."""
+        """Return who drives, the age of the newest command, and the ticks without a valid one."""
+        drives: dict[str, object] = {"drives": self.commands.driver}
         if math.isinf(self.reference_age_s):
-            return {"reference": "none yet"}
+            return drives | {"reference": "none yet"}
         age_s = round(self.reference_age_s, 6)
-        return {"reference_age_s": age_s, "expired_ticks": self.expired_ticks}
+        return drives | {"reference_age_s": age_s, "expired_ticks": self.expired_ticks}
 
 
 def wheel_speeds(joints: m.JointState, names: tuple[str, ...]) -> WheelSpeeds:

@@ -198,7 +198,7 @@ def allocate(
     """
     share = TURN_SHARE * drive.rim_speed / drive.lever if turns_first and drive.lever > 0.0 else 0.0
     twist = Twist2D(*rotate(target.away, target.around, direction), target.yaw)
-    fastest = [(-axis.velocity, axis.velocity) for axis in drive.axes]
+    fastest = [(axis.lowest, axis.velocity) for axis in drive.axes]
     is_slow = math.hypot(target.away, target.around) <= max_speed
     if not (is_slow and drive.rims(twist) <= drive.rim_speed and _is_within(twist, fastest)):
         twist = _in_order(Twist2D(), target, direction, share, fastest, drive, max_speed)

@@ -10,7 +10,7 @@ from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SensorConfig
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError, RefusedError
-from mecazen.geometry import Pose2D, PoseHistory, Twist2D, jumped, rotate
+from mecazen.geometry import Pose2D, PoseHistory, Twist2D, jumped, rotate, wrap
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
 from mecazen.messages import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
@@ -24,7 +24,7 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
 from mecazen_follower.planner.costs import Extents
 from mecazen_follower.planner.mppi import Planner
-from mecazen_follower.tracker import Frame
+from mecazen_follower.tracker import Frame, TrackingState
 
 logger = logging.getLogger(__name__)
 
@@ -33,9 +33,8 @@ HISTORY_S = 5.0
 
 CLEARANCE_M = 0.1
 """Minimum gap between person and robot, for the error of following [m]."""
-LEAST_BESIDE_M = 1.2
-"""Minimum standoff at which a camera beside a person sees both shoulders [m]."""
-
+SHORTLY_UNSEEN = (TrackingState.WAITING, TrackingState.FOLLOWING, TrackingState.COASTING)
+"""The states before the person is lost."""
 
 BESIDE = math.sin(math.radians(60.0))
 """Sine of the bearing beyond which the robot is beside the person. If the robot turns away from its
@@ -64,22 +63,10 @@ class FollowerNode(Node):
                 f"the radii of the person, {person:g}, and of the robot, {robot:.2f}, and "
                 f"{CLEARANCE_M:g} between them"
             )
-        self._warn_of_hidden_shoulders()
         if self.config.planner is not None:
             key, rate_hz = "follower.planner.rate_hz", self.config.planner.rate_hz
             ticks_per_sample(key, rate_hz, scenario.sim.tick_s)
         self.lidar = scenario.robot.lidar.pose
-
-    def _warn_of_hidden_shoulders(self) -> None:
-        """Log a warning if a camera beside the person is too near to see both shoulders."""
-        is_beside = abs(math.sin(self.config.standoff.bearing)) > BESIDE
-        sees_bodies = self.scenario.sensor.kind in ("body", "fused")
-        if is_beside and sees_bodies and self.config.standoff_m < LEAST_BESIDE_M:
-            logger.warning(
-                "msg=%r",
-                f"follower.standoff_m = {self.config.standoff_m:g}: beside a person the camera "
-                f"sees both shoulders, and so the heading, from {LEAST_BESIDE_M:g} m on",
-            )
 
     def reset(self, seed: int) -> None:
         """Discard the person and the robot's past poses."""
@@ -92,6 +79,10 @@ class FollowerNode(Node):
         self.following = Following(self.config, sensor, drive, view, hold_s, planner)
         self._forget_poses()
         self.state: m.FollowerState | None = None
+        self._newest = m.Observation()
+        """The newest frame of the sensor by which the person is found."""
+        self._newest_ns = -math.inf
+        """Time of its arrival."""
 
     def _forget_poses(self) -> None:
         self.robot = PoseHistory(round((HISTORY_S + self.sensor.latency_s) * NS_PER_S))
@@ -125,9 +116,41 @@ class FollowerNode(Node):
         self._take_scan(inputs)
         frame = self._frame(tick.time_ns, inputs, OBSERVATION)
         step = self.following.step(time_s, period_s, robot, frame)
-        self.state = _state(odom.header, self.config.estimator, step)
+        reason = self._reason(tick.time_ns, robot, step)
+        self._log_change(step.tracking, reason)
+        self.state = _state(odom.header, self.config.estimator, step, reason)
         # the state precedes the command: a client that has a tick's command has all of the tick
         return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(step.command)}
+
+    def _reason(self, now_ns: int, robot: Pose2D, step: Step) -> str:
+        """Return why the person is not seen: the sensor's reason, or what the estimate suggests.
+
+        The reason of a loss stays, since a robot that searches looks elsewhere.
+        """
+        if step.tracking is TrackingState.FOLLOWING:
+            return ""
+        if now_ns - self._newest_ns >= self.following.people.coast_after * NS_PER_S:
+            return m.Unseen.NO_FRAMES
+        if self.state is not None and self.state.tracking not in SHORTLY_UNSEEN:
+            return self.state.reason
+        if self._newest.reason or self._newest.poses:
+            return self._newest.reason or m.Unseen.IMPLAUSIBLE
+        if step.person is None:
+            return m.Unseen.EMPTY
+        field = _field_of(self.scenario, self.sensor)
+        seen = robot.between(step.person.pose)
+        if math.hypot(seen.x, seen.y) > field.max_range:
+            return m.Unseen.TOO_FAR
+        bearing = wrap(math.atan2(seen.y, seen.x) - field.centre)
+        if abs(bearing) <= field.half:
+            return m.Unseen.EMPTY
+        return m.Unseen.LEFT if bearing > 0.0 else m.Unseen.RIGHT
+
+    def _log_change(self, tracking: str, reason: str) -> None:
+        """Log that the person is found or lost."""
+        before = TrackingState.WAITING if self.state is None else self.state.tracking
+        if tracking != before and not {tracking, before} <= {"following", "coasting"}:
+            logger.info("msg=%s%s", tracking, f" reason={reason!r}" if reason else "")
 
     def _take_scan(self, inputs: Inputs) -> None:
         """Pass a scan to the planner, transformed with the robot's pose at its capture."""
@@ -145,13 +168,16 @@ class FollowerNode(Node):
     def _frame(self, now_ns: int, inputs: Inputs, topic: Topic[m.Observation]) -> Frame | None:
         """Return the persons of a topic's new frame in odom; None if it is refused or empty."""
         message = inputs.get(topic)
-        if message is None or not message.poses:
+        if message is None:
             return None
         try:
-            return self._read(now_ns, message)
+            frame = self._read(now_ns, message) if message.poses else None
         except RefusedError as refusal:
             inputs.refuse(topic, str(refusal))
             return None
+        if topic is (LEGS if self.sensor.kind == "legs" else OBSERVATION):
+            self._newest, self._newest_ns = message, now_ns
+        return frame
 
     def _read(self, now_ns: int, message: m.Observation) -> Frame:
         """Return the persons of a frame in odom.
@@ -196,7 +222,10 @@ class FollowerNode(Node):
         values: dict[str, object] = {"nis": self.following.people.estimator.nis}
         if self.state is not None:
             values["tracking"] = self.state.tracking
-            values["distance_error_m"] = round(self.state.distance_error, 3)
+            if self.state.reason:
+                values["reason"] = self.state.reason
+            if self.state.estimate:
+                values["distance_error_m"] = round(self.state.distance_error, 3)
             if self.state.plan:
                 values["plan"] = self.state.plan
         return values
@@ -258,14 +287,13 @@ def _field_of(scenario: Scenario, sensor: SensorConfig) -> FieldOfView:
     return FieldOfView(half, math.radians(yaw_deg), sensor.max_range_m)
 
 
-def _state(header: m.Header, estimator: str, step: Step) -> m.FollowerState:
+def _state(header: m.Header, estimator: str, step: Step, reason: str) -> m.FollowerState:
     tracking, errors = step.tracking, step.errors
+    state = m.FollowerState(header=header, tracking=tracking, reason=reason, estimator=estimator)
     if step.person is None:
-        return m.FollowerState(header=header, tracking=tracking, estimator=estimator)
-    return m.FollowerState(
-        header=header,
-        tracking=tracking,
-        estimator=estimator,
+        return state
+    return replace(
+        state,
         estimate=(_odometry(header, step.person),),
         goal=(m.Pose.planar(step.goal),),
         distance_error=errors.distance,

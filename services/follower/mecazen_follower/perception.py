@@ -132,6 +132,7 @@ class BodyNode(Node):
                     for pose, covariance, _ in persons
                 ),
                 ids=tuple(identity for _, _, identity in persons),
+                reason=frame.reason,
             )
         }
 

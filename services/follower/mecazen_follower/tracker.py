@@ -145,7 +145,7 @@ class PersonTracker:
         self.estimator = make_estimator(config.estimator, config.estimator_params)
         # ticks between two frames of the sensor do not count as unseen
         missed = MISSED_FRAMES / sensor.rate_hz
-        self._coast_after = max(config.coast_after_s, missed)
+        self.coast_after = max(config.coast_after_s, missed)
         self._lost_after = max(config.lost_after_s, 2.0 * missed)
         self._bias = BIAS_STD.get(sensor.kind)
         self._association = Association(2.0 * self._lost_after)
@@ -203,7 +203,7 @@ class PersonTracker:
         self.unseen = time - self._last_seen
         if self.unseen > self._lost_after:
             self.state = TrackingState.LOST
-        elif self.unseen > self._coast_after:
+        elif self.unseen > self.coast_after:
             self.state = TrackingState.COASTING
         else:
             self.state = TrackingState.FOLLOWING

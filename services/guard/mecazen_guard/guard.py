@@ -105,6 +105,7 @@ class Guard:
         )
         self._changes = np.array((self._up, self._down))[..., None]
         self._fastest = np.array([axis.velocity for axis in drive.axes])
+        self._lowest = np.array([axis.lowest for axis in drive.axes])
 
     def begin(self, twist: Twist2D) -> None:
         """Restart with a robot that moves with `twist`."""
@@ -241,7 +242,7 @@ class Guard:
             every: The poses to look at.
         """
         low, high, braked = envelope
-        aims = np.minimum(np.maximum(twists, -self._fastest), self._fastest)
+        aims = np.minimum(np.maximum(twists, self._lowest), self._fastest)
         speeds = np.minimum(np.maximum(aims.T[..., None], low), high)
         speeds -= np.minimum(np.maximum(speeds, -braked), braked)
         slow_down(speeds, self._gains, min(self._drive.rim_speed, UNLIMITED))

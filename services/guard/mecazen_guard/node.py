@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 from mecazen import messages as m
+from mecazen.commands import Commands, sources
 from mecazen.config import Scenario
 from mecazen.drive import Drive
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, PoseHistory, Twist2D, jumped
-from mecazen.keys import CMD_VEL, GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
+from mecazen.keys import GUARD_CMD_VEL, GUARD_STATE, ODOM, SCAN
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import NS_PER_S
@@ -34,7 +35,7 @@ class GuardNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         config, lidar, robot = scenario.guard, scenario.sensors.lidar, scenario.robot
-        self.timeout_s = scenario.controller.reference_timeout_s
+        self.commands = Commands(sources(scenario))
         self.silence_s = SILENT_SCANS / lidar.rate_hz
         self.surroundings = Surroundings(
             config, lidar, robot.lidar.pose, is_real=scenario.has_real_lidar
@@ -45,7 +46,7 @@ class GuardNode(Node):
     def configure(self, scenario: Scenario) -> None:
         """Use changed margins, and changed limits of the controller, from now on."""
         super().configure(scenario)
-        self.timeout_s = scenario.controller.reference_timeout_s
+        self.commands.sources = sources(scenario)
         self.surroundings.config = scenario.guard
         drive = Drive.from_scenario(scenario)
         self.guard.configure(drive, _reaction_s(scenario), PERSON_STOP_S)
@@ -56,7 +57,7 @@ class GuardNode(Node):
         self.surroundings.forget()
         self.poses = PoseHistory(HISTORY_NS)
         self.pose = Pose2D()
-        self.wanted = m.Twist()
+        self.commands.reset()
         self.fault = "no scan yet"
         self.state = m.GuardState(state="blind")
 
@@ -66,10 +67,7 @@ class GuardNode(Node):
             self._place(tick, inputs[ODOM])
         if (scan := inputs.get(SCAN)) is not None:
             self._see(tick.time_ns / NS_PER_S, scan, inputs)
-        if (command := inputs.get(CMD_VEL)) is not None:
-            self.wanted = command
-        fresh = inputs.age_s(CMD_VEL) <= self.timeout_s + ROUNDING_S
-        wanted = self.wanted if fresh else m.Twist()
+        wanted = self.commands.choose(inputs) or m.Twist()
         verdict, fault = self._decide(tick, wanted.to_planar())
         self.state = self._state(tick.time, verdict, fault)
         let_through = wanted if verdict.factor == 1.0 else m.Twist.planar(verdict.twist)
@@ -131,8 +129,12 @@ class GuardNode(Node):
         )
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the guard's state, the factor and the reason."""
-        state = {"guard": self.state.state, "let_through": round(self.state.factor, 2)}
+        """Return who drives, the guard's state, the factor and the reason."""
+        state = {
+            "drives": self.commands.driver,
+            "guard": self.state.state,
+            "let_through": round(self.state.factor, 2),
+        }
         return state | ({"reason": self.state.reason} if self.state.reason else {})
 
 

@@ -25,6 +25,7 @@ from mecazen.arrays import rotate
 from mecazen.config import WorldConfig
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
+from mecazen.messages import Unseen
 from mecazen.portable import Floats, product
 from mecazen.robot import WHEELS, Robot
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
@@ -58,6 +59,7 @@ class RayScene:
     def __init__(self, world: WorldConfig, robots: Sequence[Robot] = (), people: int = 1) -> None:
         self.people = people
         shapes = [_geom("plane", (0.0, 0.0, 1.0)), *map(_solid, world.solids)]
+        self._solids = _words(world)
         person = "".join(_geom("capsule", (0.1, 0.1)) for _ in LIMBS)
         bodies = [*map(_robot, robots), *[person] * people]
         moving = "".join(f'<body mocap="true">{body}</body>' for body in bodies)
@@ -88,6 +90,12 @@ class RayScene:
     def limbs(self, person: int) -> slice:
         """Return the numbers of a person's geoms, in the order of `mecazen.skeleton.LIMBS`."""
         return self._people[person]
+
+    def hidden_by(self, geom: int) -> Unseen:
+        """Return what hides a person behind a geom; the ground hides no one."""
+        if geom <= len(self._solids):
+            return self._solids[geom - 1]
+        return Unseen.ROBOT if geom < self._people[0].start else Unseen.PERSON
 
     def place_robot(self, robot: int, pose: Pose2D) -> None:
         """Put a robot at a pose in the world, on the ground."""
@@ -188,6 +196,16 @@ def _geom(
 ) -> str:
     sizes, place = (" ".join(map(repr, numbers)) for numbers in (size, position))
     return f'<geom type="{kind}" size="{sizes}" pos="{place}" euler="{roll_deg} 0 {yaw_deg}"/>'
+
+
+def _words(world: WorldConfig) -> list[Unseen]:
+    """Return the word for each of `world.solids`."""
+    return [
+        *(Unseen.BOX if isinstance(solid, Box) else Unseen.CYLINDER for solid in world.obstacles),
+        *(Unseen.WALL for wall in world.walls for _ in wall.boxes()),
+        *(Unseen.TABLE for table in world.tables for _ in table.boxes()),
+        *(Unseen.RAMP for ramp in world.ramps for _ in ramp.boxes()),
+    ]
 
 
 def _solid(solid: Box | Cylinder) -> str:

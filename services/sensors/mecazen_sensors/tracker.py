@@ -22,6 +22,7 @@ from mecazen.geometry import Pose2D
 from mecazen.portable import Floats, product
 from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
+from mecazen.view import out_of_view
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 
@@ -130,7 +131,7 @@ class BodyTracker:
         self, config: TrackerConfig, mount: CameraMount, seed: int, frame_s: float
     ) -> None:
         self._config, self._seed = config, seed
-        self._camera = CameraView(mount, config)
+        self._mount, self._camera = mount, CameraView(mount, config)
         self._place = np.array(mount.position_m)
         self._keep = math.exp(-frame_s / config.drift_time_s)
         self._fresh = math.sqrt(1.0 - self._keep**2)
@@ -154,6 +155,8 @@ class BodyTracker:
     ) -> m.Skeletons:
         """Return the frame from a true pose of the robot; `header.stamp` is `time`.
 
+        Its `reason` is that of the first of the people, whom the robot follows.
+
         Args:
             scene: The world, in which all people are placed.
             robot: True pose of the robot.
@@ -174,11 +177,13 @@ class BodyTracker:
         ranges, hits = scene.cast(camera, rays / distances[:, None], CARRIER)
         vectors = rotate(rays, -robot.yaw)
         depths, inside = self._camera.look(vectors)
-        if any(begin <= time.ns / NS_PER_S <= end for begin, end in self._config.occlusions_s):
+        occlusions = self._config.occlusions_s
+        is_blind = any(begin <= time.ns / NS_PER_S <= end for begin, end in occlusions)
+        if is_blind:
             inside[:] = False
         reached, numbers, seen = (ranges >= distances).tolist(), hits.tolist(), inside.tolist()
         header = m.Header(stamp=time, frame_id="base_link")
-        skeletons = []
+        skeletons, reason = [], ""
         for number, name in enumerate(people):
             rows = slice(number * COUNT, (number + 1) * COUNT)
             first = scene.limbs(number).start
@@ -187,7 +192,10 @@ class BodyTracker:
             skeleton = self._report(self._bodies[name], header, *view)
             if skeleton is not None:
                 skeletons.append(skeleton)
-        return m.Skeletons(header=header, skeletons=tuple(skeletons))
+            elif number == 0:
+                hidden = m.Unseen.BLIND if is_blind else scene.hidden_by(numbers[0])
+                reason = out_of_view(self._mount, self._config, vectors[0].tolist()) or hidden
+        return m.Skeletons(header=header, skeletons=tuple(skeletons), reason=reason)
 
     def _report(
         self,

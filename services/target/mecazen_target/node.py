@@ -67,6 +67,8 @@ class TargetNode(Node):
             )
         self.tick = 0
         self.motion = self.motion_at(0)
+        self.truth = m.Odometry()
+        """The robot's true pose."""
         self.sensor = Sensor(self.scenario.sensor, seed, tick_s)
         self.posed = 0
         if self.walker is not None:
@@ -82,6 +84,7 @@ class TargetNode(Node):
         if (crowd := inputs.get(PEOPLE)) is not None:
             self.crowd = self._agents(crowd)
         person = self.motion = self.motion_at(tick.number)
+        self.truth = inputs[GROUND_TRUTH]
         outputs: dict[Topic[Any], m.Message] = {
             TARGET_ODOM: m.planar_odometry(tick.time, "world", "person", person.pose, person.twist)
         }
@@ -90,7 +93,7 @@ class TargetNode(Node):
             self.posed = tick.number
             outputs[TARGET_SKELETON] = self._skeleton(tick, self.walker.follow(person, duration_s))
         if self.sees_pose:
-            robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
+            robot = self.truth.pose.pose.to_planar()
             frame = self.sensor.observe(tick.number, robot, person.pose)
             if frame is not None:
                 outputs[OBSERVATION] = self._message(frame)
@@ -144,17 +147,20 @@ class TargetNode(Node):
         if frame.second_first:
             seen.reverse()
         ids = tuple(name for _, name in seen) if self.scenario.sensor.faults.ids else ()
-        return m.Observation(header=header, poses=tuple(pose for pose, _ in seen), ids=ids)
+        poses = tuple(pose for pose, _ in seen)
+        return m.Observation(header=header, poses=poses, ids=ids, reason=frame.reason)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the person's position, the distance walked, and whether a walk has ended."""
-        (x, y, _), _, walked = self.motion
+        """Return the person's position and walk, and the robot's true distance minus standoff."""
+        person, _, walked = self.motion
+        robot, standoff = self.truth.pose.pose.to_planar(), self.scenario.follower.standoff
         end_s = math.inf if self.path is None else self.path.duration
         has_ended = 0.0 < end_s <= self.tick * self.scenario.sim.tick_s
         return {
             **({"walk_ended": True} if has_ended else {}),
             "time_s": self.tick * self.scenario.sim.tick_ns / 1e9,
-            "x_m": round(x, 3),
-            "y_m": round(y, 3),
+            "x_m": round(person.x, 3),
+            "y_m": round(person.y, 3),
             "walked_m": round(walked, 3),
+            "true_distance_error_m": round(standoff.errors(person, robot).distance, 3),
         }

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.config import SensorConfig
 from mecazen.geometry import Pose2D, wrap
-from mecazen.messages import diagonal_covariance
+from mecazen.messages import Unseen, diagonal_covariance
 from mecazen.portable import Floats
 from mecazen.ticks import whole_ticks
 from numpy.random import PCG64, Generator
@@ -36,6 +36,8 @@ class SensorFrame(NamedTuple):
     """A second person, likewise."""
     second_first: bool = False
     """Whether the second person is listed first: a sensor has no order."""
+    reason: str = ""
+    """Why the first person is not seen: a word of `Unseen`; empty if a fault is the cause."""
 
 
 def latency_ticks(config: SensorConfig, tick_s: float) -> int:
@@ -81,7 +83,7 @@ class Sensor:
         captured, robot, person = self._past[0]
         row = tick // self._ticks_per_frame % NOISE_FRAMES
         if captured != tick - self._latency or self._dropped[row]:
-            return SensorFrame(capture, None)
+            return SensorFrame(capture, None, reason=Unseen.BLIND if self._dropped[row] else "")
         first, second = (
             self._seen(capture, robot, whom) for whom in self._faults.shown(capture, person)
         )
@@ -92,23 +94,28 @@ class Sensor:
         if second is not None:
             second = self._faults.noisy(row, second)
         second_first = second is not None and self._faults.names_second_first(row)
-        return SensorFrame(capture, first, second, second_first)
+        reason = "" if first is not None else self._reason(capture, robot.between(person))
+        return SensorFrame(capture, first, second, second_first, reason)
 
     def _seen(self, tick: int, robot: Pose2D, person: Pose2D | None) -> Pose2D | None:
         """Return a person in `SensorConfig.frame`; None if absent or not seen at that tick."""
         if person is None:
             return None
         relative = robot.between(person)
-        if not self._sees(tick, relative):
+        if self._reason(tick, relative):
             return None
         return person if self._config.frame == "world" else relative
 
-    def _sees(self, tick: int, person: Pose2D) -> bool:
-        """Return whether the person, in base_link, is visible at the tick of the capture."""
-        hidden = any(begin <= tick < end for begin, end in self._occlusions)
-        within_range = math.hypot(person.x, person.y) <= self._config.max_range_m
-        bearing = abs(math.atan2(person.y, person.x))
-        return within_range and not hidden and bearing <= math.radians(self._config.fov_deg) / 2
+    def _reason(self, tick: int, person: Pose2D) -> str:
+        """Return why the person, in base_link, is not seen at the tick of the capture, or ""."""
+        if any(begin <= tick < end for begin, end in self._occlusions):
+            return Unseen.BLIND
+        if math.hypot(person.x, person.y) > self._config.max_range_m:
+            return Unseen.TOO_FAR
+        bearing = math.atan2(person.y, person.x)
+        if abs(bearing) <= math.radians(self._config.fov_deg) / 2:
+            return ""
+        return Unseen.LEFT if bearing > 0.0 else Unseen.RIGHT
 
 
 class _Faults:

@@ -15,6 +15,8 @@ TIMELINE = "sim_time"
 WORLD = "world"
 FOLLOW = "world/follow"
 """The frame of the large view: it moves with the robot and does not rotate."""
+ABOVE = "world/follow/above"
+"""A camera so far above that its picture has no perspective."""
 GROUND = "world/ground"
 ROBOT = "world/robot"
 PERSON = "world/person"
@@ -32,7 +34,7 @@ TRAILS = "world/trails"
 BODY = "world/body"
 """The person's true limbs."""
 PEOPLE = "world/people"
-"""The bones of people whom no robot follows."""
+"""The limbs of people whom no robot follows."""
 SKELETON = "world/skeleton"
 """The bones that the body tracker sees."""
 SCAN = "world/scan"
@@ -66,6 +68,8 @@ BACKGROUND: Colour = (206, 211, 218)
 
 PLOTTED_NS = 30 * 10**9
 """Time span of each plot [ns]."""
+LEGEND_NS = 15 * 10**9
+"""Empty time before it, for the legend [ns]."""
 WHEEL_SHARE = 1.5
 """Height of the plot with the longest legend, relative to the others."""
 
@@ -97,6 +101,7 @@ def blueprint(robots: Sequence[str]) -> rrb.Blueprint:
 def _views(robot: str) -> rrb.Horizontal:
     """Return views of the scene that follow a robot, and the robot's plots."""
     start = rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS)
+    before = rrb.TimeRangeBoundary.cursor_relative(nanos=-PLOTTED_NS - LEGEND_NS)
     end = rrb.TimeRangeBoundary.cursor_relative()
     past = rrb.VisibleTimeRange(TIMELINE, start=start, end=end)
 
@@ -105,8 +110,7 @@ def _views(robot: str) -> rrb.Horizontal:
             origin=path if path == REAL_TIME else path_of_robot(path, robot),
             name=name,
             time_ranges=past,
-            axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end)),
-            # covers the oldest values
+            axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=before, end=end)),
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
         )
 
@@ -123,8 +127,11 @@ def _views(robot: str) -> rrb.Horizontal:
     follow = rrb.EyeControls3D(
         position=(-1.75, 2.0, 1.4), look_target=(0.05, 0.0, 0.72), eye_up=(0.0, 0.0, 1.0)
     )
-    above = rrb.EyeControls3D(
-        position=(0.0, 0.0, 5.0), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 1.0, 0.0)
+    above = rrb.Spatial2DView(
+        origin=path_of_robot(ABOVE, robot),
+        contents=f"{WORLD}/**",
+        name="from above",
+        background=BACKGROUND,
     )
     columns = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
     text = rrb.Vertical(
@@ -133,7 +140,7 @@ def _views(robot: str) -> rrb.Horizontal:
     )
     scenes = rrb.Vertical(
         scene("following", follow),
-        rrb.Horizontal(scene("from above", above), text),
+        rrb.Horizontal(above, text),
         row_shares=[3, 2],
     )
     plots = rrb.Vertical(

@@ -91,10 +91,11 @@ STATE_LEVELS = {
 }
 """Log level of states of tracking and guard; that of others is INFO."""
 
-HIDDEN_VALUE = "refused_payloads"
-"""A value that is not shown: the message of the status contains it."""
-HIDDEN_PREFIXES = ("hz/", "age_s/")
-"""Details of each input; `mecazen status` shows them."""
+HIDDEN = re.compile(r"refused_payloads|hz/.*|age_s/.*")
+"""Values that the table leaves out: the message contains the first, `mecazen status` the others."""
+COUNTS = re.compile(r"late/.*|missed_.*|expired_ticks")
+"""Counts of what goes wrong; 0 is left out."""
+TABLE_HEAD = "| service | health | values |\n| --- | --- | --- |"
 
 
 class StatusText:
@@ -102,13 +103,14 @@ class StatusText:
 
     def __init__(self) -> None:
         self._logged: dict[str, object] = {}
-        self._paragraphs: dict[str, str] = {}
+        self._rows: dict[str, str] = {}
 
     def tracking(self, state: FollowerState, robot: str) -> Iterator[Entity]:
         """Return a log line if the tracking state of a robot has changed."""
         name = join_key("tracking", robot)
         if state.tracking and self._has_changed(name, state.tracking):
-            yield _log_line("follower", f"{name}: {state.tracking}", _level(state.tracking))
+            line = f"{name}: {state.tracking} {state.reason}".rstrip()
+            yield _log_line("follower", line, _level(state.tracking))
 
     def guard(self, state: GuardState, robot: str) -> Iterator[Entity]:
         """Return a log line if the state of a robot's guard has changed."""
@@ -126,9 +128,8 @@ class StatusText:
                 message = "the walk has ended"
             if self._has_changed(f"diagnostics/{name}", (status.level, message)):
                 yield _log_line(service, f"{name}: {message}", LEVELS[status.level])
-            self._paragraphs[name] = _paragraph(name, status)
-        # paragraphs wrap: the cells of a table would be cut off
-        text = "\n\n".join(self._paragraphs[name] for name in sorted(self._paragraphs))
+            self._rows[name] = _table_row(name, status)
+        text = "\n".join((TABLE_HEAD, *(self._rows[name] for name in sorted(self._rows))))
         yield layout.HEALTH, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
 
     def _has_changed(self, name: str, state: object) -> bool:
@@ -144,16 +145,17 @@ def _log_line(source: str, line: str, level: rr.TextLogLevel) -> Entity:
     return f"{layout.LOG}/{source}", rr.TextLog(printable(line), level=level)
 
 
-def _paragraph(name: str, status: DiagnosticStatus) -> str:
+def _table_row(name: str, status: DiagnosticStatus) -> str:
     """Return name, level and values of a service, with all Markdown of the values escaped."""
-    values = ", ".join(
-        re.sub(
-            r"([\\`*_{}\[\]<>()#+!|~&$^])", r"\\\1", printable(f"{pair.key} {_short(pair.value)}")
-        )
+    values = [
+        f"{pair.key} {_short(pair.value)}"
         for pair in status.values
-        if pair.key != HIDDEN_VALUE and not pair.key.startswith(HIDDEN_PREFIXES)
-    )
-    return f"**{name}** {LEVEL_NAMES[status.level]}: {values}"
+        if not HIDDEN.fullmatch(pair.key) and not (COUNTS.fullmatch(pair.key) and pair.value == "0")
+    ]
+    if status.level:
+        values.insert(0, status.message)
+    text = re.sub(r"([\\`*_{}\[\]<>()#+!|~&$^])", r"\\\1", printable(", ".join(values)))
+    return f"| {name} | {LEVEL_NAMES[status.level]} | {text} |"
 
 
 def _short(value: str) -> str:

@@ -17,6 +17,7 @@ from mecazen.graph import WORLDS
 from mecazen.limits import FARTHEST_M
 from mecazen.portable import Floats
 from mecazen.robot import WHEELS
+from mecazen.skeleton import JOINTS
 from mecazen.urdf import RobotDescription, read
 from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.motion import PersonMotion
@@ -38,6 +39,10 @@ TRAIL_STEP_NS = 200_000_000
 """Time between two points of a trail, which has up to 300 points [ns]."""
 JUMP_M = 1.0
 """A larger distance between two points of a trail is a jump and starts a new trail [m]."""
+
+
+SHORTEST_M, TALLEST_M = 1.0, 2.2
+"""Heights of the bodies that are animated, in steps of 0.1 m."""
 
 
 class PoseTrail:
@@ -95,16 +100,17 @@ class Picture:
         self._lidar = np.array(scenario.robot.lidar.position_m)
         self._standoff = scenario.follower.standoff
         self._has_skeleton = "skeleton" in scenario.sensor.features
-        self._walker: WalkingPerson | None = None
-        self._walked_ns = -math.inf
+        self._walkers: dict[str, tuple[WalkingPerson, float]] = {}
         base = scenario.robot.base
-        self._unplaced = scene.marks((base.length_m, base.width_m), scenario.world.person.height_m)
+        self._height = scenario.world.person.height_m
+        self._unplaced = scene.marks((base.length_m, base.width_m), self._height)
 
     def begin(self) -> None:
         """Draw all that stays in place on the robot, without its body, and the styles."""
         statics = [
             *scene.styles(),
-            *senses.styles(self._scenario.world.person.height_m),
+            *scene.camera_above(),
+            *senses.styles(),
             *panels.line_styles(panels.ROBOT_PLOTS),
         ]
         if {"tracker", "depth"} & self._scenario.sensor.features:
@@ -167,7 +173,8 @@ class Picture:
         pose = _planar(odom)
         self._place(layout.PERSON, scene.planar_frame(pose))
         if not self._has_skeleton:
-            self._walk(PersonMotion(pose, odom.twist.twist.to_planar()), time_ns)
+            motion, height = PersonMotion(pose, odom.twist.twist.to_planar()), self._height
+            self._draw_person(self._walk("", motion, height, time_ns))
         self._extend_trail("person", self._person, time_ns, pose)
         # a follower that publishes its state has the errors plotted with it
         reports = time_ns - self._drawn_ns.get(layout.ESTIMATE, -SILENCE_NS) < SILENCE_NS
@@ -177,15 +184,22 @@ class Picture:
                 self._plot_errors(self._standoff, pose.between(robot))
 
     def on_people(self, people: m.People, time_ns: int) -> None:
-        """Move the people whom no robot follows."""
-        del time_ns
-        strangers = [person for person in people.persons if person.id not in self._followed]
-        self._log(layout.PEOPLE, senses.people(strangers))
+        """Move the people whom no robot follows; who comes without joints is animated."""
+        others = [person for person in people.persons if person.id not in self._followed]
+        joints, heights = [np.empty((0, len(JOINTS), 3))], np.array([p.height for p in others])
+        for person in others:
+            if person.joints:
+                joints.append(senses.joints_of(person)[None])
+            else:
+                pose, twist = _in_range(person.pose.to_planar()), person.twist.to_planar()
+                motion = PersonMotion(pose, twist)
+                joints.append(self._walk(person.id, motion, person.height, time_ns)[None])
+        self._log(layout.PEOPLE, senses.bodies(np.concatenate(joints), heights, senses.OTHER))
 
     def on_skeleton(self, skeleton: m.Skeleton, time_ns: int) -> None:
         """Move the person's limbs."""
         del time_ns
-        self._log(layout.BODY, senses.body(senses.joints_of(skeleton)))
+        self._draw_person(senses.joints_of(skeleton))
 
     def on_skeletons(self, frame: m.Skeletons, time_ns: int) -> None:
         """Show the detected bones, transformed with the robot's pose at their capture."""
@@ -281,12 +295,15 @@ class Picture:
         if trail.add(time_ns, pose):
             self._log(f"{layout.TRAILS}/{name}", scene.trail(trail.points))
 
-    def _walk(self, motion: PersonMotion, time_ns: int) -> None:
-        """Let the person's body walk to the pose of a motion."""
-        if self._walker is None:
-            self._walker = _walker(self._scenario.world.person.height_m).twin()
-        gap_s, self._walked_ns = (time_ns - self._walked_ns) / 1e9, time_ns
-        self._log(layout.BODY, senses.body(self._walker.follow(motion, gap_s).joints))
+    def _walk(self, person: str, motion: PersonMotion, height: float, time_ns: int) -> Floats:
+        """Let a person's body walk to the pose of a motion, and return the joints (20, 3)."""
+        walker, walked_ns = self._walkers.get(person) or (_walker(round(height, 1)), -math.inf)
+        self._walkers[person] = walker, time_ns
+        return walker.follow(motion, (time_ns - walked_ns) / 1e9).joints
+
+    def _draw_person(self, joints: Floats) -> None:
+        heights = np.array([self._height])
+        self._log(layout.BODY, senses.bodies(joints[None], heights, senses.FOLLOWED))
 
     def _plot(self, path: str, *values: float) -> None:
         self._log(path, rr.Scalars(np.array(values)))
@@ -339,8 +356,12 @@ def nees(estimate: Pose2D, truth: Pose2D, covariance: Floats) -> float:
     return float(error @ np.linalg.solve(covariance, error))
 
 
-@cache
 def _walker(height_m: float) -> WalkingPerson:
+    return _solved(min(max(height_m, SHORTEST_M), TALLEST_M)).twin()
+
+
+@cache
+def _solved(height_m: float) -> WalkingPerson:
     """Return the walker whose gait all bodies of a height share: computing a gait takes 0.2 s."""
     return WalkingPerson(Body(height_m=height_m))
 

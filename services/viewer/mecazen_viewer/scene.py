@@ -15,11 +15,10 @@ import rerun as rr
 from mecazen.config import Scenario
 from mecazen.config.world import Ridge
 from mecazen.geometry import Pose2D
-from mecazen.graph import CROWD
 from mecazen.messages import planar_covariance
 from mecazen.portable import Floats
 
-from mecazen_viewer import layout, panels, senses
+from mecazen_viewer import layout, panels
 from mecazen_viewer.layout import Colour, Entity
 
 GRID_REACH_M = 20
@@ -39,6 +38,8 @@ PERSON_ARROW_Z = 0.42
 """Height of the person's arrow, as a share of the person's height."""
 POINT_RADIUS = 0.012
 OBSTACLE_COLOUR = (165, 140, 110)
+ABOVE_M, ABOVE_WIDTH_M, ABOVE_PX = 100.0, 6.0, 600
+"""Height of the camera above, and width of its picture in metres and in pixels."""
 LABEL_Z = 0.35
 """Height of a robot's name [m]."""
 LABEL_COLOUR = (25, 25, 25)
@@ -70,9 +71,6 @@ def surroundings(scenario: Scenario) -> Iterator[Entity]:
         place = Pose2D(*patch.position_m, math.radians(patch.yaw_deg))
         corners = [place.compose(Pose2D(*xy))[:2] for xy in CORNERS * patch.size_m / 2]
         yield f"{layout.PATCHES}/{number}", _outline(np.array(corners), layout.GREY)
-    if CROWD in scenario.services:
-        style = rr.LineStrips3D.from_fields(colors=[layout.GREY], radii=senses.BONE_RADIUS)
-        yield layout.PEOPLE, style
     yield from panels.line_styles(panels.SHARED_PLOTS)
 
 
@@ -85,6 +83,14 @@ def styles() -> Iterator[Entity]:
     for name, colour in TRAIL_COLOURS.items():
         line = rr.LineStrips3D.from_fields(colors=[colour], radii=MARK_RADIUS)
         yield f"{layout.TRAILS}/{name}", line
+
+
+def camera_above() -> Iterator[Entity]:
+    """Return the camera of the view from above: x points right, y up."""
+    down = rr.Quaternion(xyzw=(1.0, 0.0, 0.0, 0.0))
+    yield layout.ABOVE, rr.Transform3D(translation=(0.0, 0.0, ABOVE_M), quaternion=down)
+    focal = ABOVE_PX / ABOVE_WIDTH_M * ABOVE_M
+    yield layout.ABOVE, rr.Pinhole(focal_length=focal, width=ABOVE_PX, height=ABOVE_PX)
 
 
 def marks(size: tuple[float, float], height: float) -> dict[str, dict[str, rr.AsComponents]]:

@@ -19,22 +19,27 @@ from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
 
 from mecazen_viewer import layout
-from mecazen_viewer.layout import Entity
+from mecazen_viewer.layout import Colour, Entity
 
 BONE_RADIUS = rr.Radius.ui_points(1.2)
 BEAM_RADIUS = rr.Radius.ui_points(1.6)
 FRUSTUM_M = 0.6
 """Depth to which a camera's field of view is drawn."""
-CLOTHES, TROUSERS, SKIN = (112, 128, 150), (70, 78, 92), (226, 180, 160)
-LIMB_COLOURS = {"head": SKIN, "thigh": TROUSERS, "shank": TROUSERS}
-"""Colours by the ends of the limbs' names; other limbs are in clothes."""
+Look = tuple[Colour, Colour, Colour]
+"""Colours of clothes, trousers and skin."""
+FOLLOWED: Look = (63, 111, 159), (47, 66, 88), (230, 184, 156)
+OTHER: Look = (179, 187, 197), (152, 162, 174), (211, 199, 191)
+"""Those of a person whom a robot follows, and of other people."""
+CLOTHES, TROUSERS, SKIN = range(3)
+LOOKS = {"forearm": SKIN, "head": SKIN, "thigh": TROUSERS, "shank": TROUSERS, "foot": TROUSERS}
+"""What covers a limb, by the end of its name; clothes cover other limbs."""
 DRAWN_TRUNK = 0.7
 """Share of the trunk's line that is drawn, so that its round end reaches the shoulders."""
 NECK_AND_SHOULDERS = (
     (INDEX["neck"], INDEX["head"], 0.033, SKIN),
     (INDEX["left_shoulder"], INDEX["right_shoulder"], 0.032, CLOTHES),
 )
-"""Ends, radius as a share of the body's height, and colour."""
+"""Ends, radius as a share of the body's height, and cover."""
 _BONES = np.array([(INDEX[start], INDEX[joint]) for joint, start in PARENTS.items() if start])
 _LIMBS = np.array(
     [(INDEX[limb.begin], INDEX[limb.end]) for limb in LIMBS]
@@ -44,20 +49,20 @@ _TRUNK = next(number for number, limb in enumerate(LIMBS) if limb.name == "trunk
 _ROUND = _LIMBS[:, 0] == _LIMBS[:, 1]
 
 
-def styles(height: float) -> Iterator[Entity]:
-    """Return the static styles of a body of `height` [m], of detected bones and of a scan."""
-    colours = [
-        next((LIMB_COLOURS[end] for end in LIMB_COLOURS if limb.name.endswith(end)), CLOTHES)
-        for limb in LIMBS
-    ]
-    radii = [limb.radius * height for limb in LIMBS]
-    for _, _, radius, colour in NECK_AND_SHOULDERS:
-        colours.append(colour)
-        radii.append(radius * height)
-    yield layout.BODY, rr.LineStrips3D.from_fields(colors=colours, radii=radii)
+_COVERS = [
+    *(next((LOOKS[end] for end in LOOKS if limb.name.endswith(end)), CLOTHES) for limb in LIMBS),
+    *(cover for _, _, _, cover in NECK_AND_SHOULDERS),
+]
+_RADII = np.array(
+    [limb.radius for limb in LIMBS] + [radius for _, _, radius, _ in NECK_AND_SHOULDERS]
+)
+
+
+def styles() -> Iterator[Entity]:
+    """Return the static styles of detected bones and of a scan."""
     bones = rr.LineStrips3D.from_fields(colors=[layout.ORANGE], radii=BONE_RADIUS)
     yield layout.SKELETON, bones
-    yield layout.SCAN, rr.Points3D.from_fields(colors=[layout.SKY], radii=BEAM_RADIUS)
+    yield layout.SCAN, rr.Points3D.from_fields(colors=[layout.BLUE], radii=BEAM_RADIUS)
 
 
 def frustum(camera: CameraMount, tracker: TrackerConfig) -> rr.LineStrips3D:
@@ -74,18 +79,26 @@ def frustum(camera: CameraMount, tracker: TrackerConfig) -> rr.LineStrips3D:
     return rr.LineStrips3D(strips, colors=[layout.GREY], radii=rr.Radius.ui_points(0.7))
 
 
-def body(joints: Floats) -> rr.LineStrips3D:
-    """Return a thick line for each limb of a body with these joints (20, 3) [m].
+def bodies(joints: Floats, heights: Floats, look: Look) -> rr.LineStrips3D:
+    """Return a thick line for each limb of n bodies.
 
     The trunk of `LIMBS` is round up to the chin and hides the neck, so it is drawn shorter, and
     neck and shoulders are drawn as well.
+
+    Args:
+        joints: Joints (n, 20, 3) in world [m].
+        heights: Heights (n) [m].
+        look: Colours of clothes, trousers and skin.
     """
-    strips = joints[_LIMBS]
+    strips = joints[:, _LIMBS].astype(np.float32)
     # a line so short that it looks like a sphere with its round ends, from all sides
-    strips[_ROUND] += np.array([[[-0.01], [0.01]]])
-    pelvis, neck = strips[_TRUNK]
-    strips[_TRUNK, 1] = pelvis + DRAWN_TRUNK * (neck - pelvis)
-    return rr.LineStrips3D(strips)
+    strips[:, _ROUND] += np.array([[[-0.01], [0.01]]])
+    pelvis, neck = strips[:, _TRUNK, 0], strips[:, _TRUNK, 1]
+    strips[:, _TRUNK, 1] = pelvis + DRAWN_TRUNK * (neck - pelvis)
+    colours = [look[cover] for cover in _COVERS] * len(joints)
+    return rr.LineStrips3D(
+        strips.reshape(-1, 2, 3), colors=colours, radii=np.outer(heights, _RADII).ravel()
+    )
 
 
 def skeletons(detections: Sequence[m.Skeleton], robot: Pose2D) -> rr.LineStrips3D:
@@ -97,20 +110,6 @@ def skeletons(detections: Sequence[m.Skeleton], robot: Pose2D) -> rr.LineStrips3
         if len(is_seen) != len(JOINTS):
             raise RefusedError(f"a confidence for {len(is_seen)} of {len(JOINTS)} joints")
         strips.append(joints[_BONES[is_seen[_BONES].all(axis=1)]])
-    return rr.LineStrips3D(np.concatenate(strips))
-
-
-def people(persons: Sequence[m.Person]) -> rr.LineStrips3D:
-    """Return people's true bones in world; a person without joints is a line of their height."""
-    strips = [np.empty((0, 2, 3))]
-    for person in persons:
-        if person.joints:
-            strips.append(joints_of(person)[_BONES])
-            continue
-        x, y, height = person.pose.position.x, person.pose.position.y, person.height
-        if max(abs(x), abs(y), height) > FARTHEST_M:
-            raise RefusedError(f"pose out of range: {person.pose}")
-        strips.append(np.array([[(x, y, 0.0), (x, y, height)]]))
     return rr.LineStrips3D(np.concatenate(strips))
 
 

@@ -19,11 +19,12 @@ from mecazen.schema import Folder
 from mecazen.text import printable
 from typer import Argument, Option
 
-from mecazen_tools.cli import graph, sim, simulate, status, talk, teleop, up
-from mecazen_tools.cli.options import ScenarioArgument, Settings, load
+from mecazen_tools.cli import compare, graph, new, sim, simulate, status, talk, teleop, up
+from mecazen_tools.cli.options import ScenarioArgument, Settings, load, warn
 
 COMMANDS = (
-    *(up.up, simulate.simulate, simulate.collect, graph.graph, graph.topics),
+    *(up.up, simulate.simulate, simulate.collect, compare.compare, graph.graph, graph.topics),
+    *(new.new, new.scenarios),
     *(status.status, talk.echo, talk.pub, teleop.teleop),
 )
 EXTRAS = {
@@ -56,7 +57,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="mecazen: a mecanum robot follows a person. Services over Zenoh, real rollers, one result."
-    "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/].",
+    "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/]; "
+    "[bold]mecazen scenarios[/] lists what else there is.",
 )
 certificates_app = typer.Typer(
     no_args_is_help=True, help="Certificates, for TLS and access control."
@@ -140,7 +142,10 @@ def run(
     Examples: mecazen run router back · mecazen run physics back ·
     mecazen run controller+follower back
     """
-    process.run(Process(tuple(service.split("+")), robot), load(scenario, settings))
+    loaded, services = load(scenario, settings), tuple(service.split("+"))
+    if "follower" in services:
+        warn(loaded)
+    process.run(Process(services, robot), loaded)
 
 
 @app.command()

@@ -35,7 +35,9 @@ def takes(row: Row, separator: str = ", ") -> str:
     """Return a node's inputs and their rules."""
     if row.observes:
         return "everything"
-    return separator.join(f"{i.topic.key} ({i.rule})" for i in row.inputs)
+    return separator.join(
+        f"{i.topic.key}{' of programs' if i.topic.by_hand else ''} ({i.rule})" for i in row.inputs
+    )
 
 
 def gives(row: Row, separator: str = ", ", scenario: Any = None) -> str:

@@ -77,6 +77,14 @@ def load(scenario: str, settings: list[str] | None) -> Scenario:
     return load_scenario(scenario_path(scenario), parse_settings(settings or ()))
 
 
+def warn(scenario: Scenario) -> None:
+    """Print what the robots of a scenario can't do with their persons."""
+    from mecazen_tools.suitability import warnings  # noqa: PLC0415  # help needs no NumPy
+
+    for line in warnings(scenario):
+        typer.echo(f"warning: {line}", err=True)
+
+
 @contextmanager
 def tool_bus(context: typer.Context) -> Iterator[ZenohBus]:
     """Open a bus as a client of the router that the options of `mecazen` name.

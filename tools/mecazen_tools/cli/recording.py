@@ -31,8 +31,19 @@ from mecazen_tools.strays import OPEN, mistake
 if TYPE_CHECKING:
     from mecazen_recorder.reader import Recording
 
+    from mecazen_tools.recorded import RecordedTrajectory
+
 RecordingFile = Annotated[
     Path, typer.Argument(metavar="FILE.mcap", help="A recording.", show_default=False)
+]
+RecordingFiles = Annotated[
+    list[Path], typer.Argument(metavar="FILE.mcap...", help="Recordings.", show_default=False)
+]
+RunNumber = Annotated[
+    int | None,
+    typer.Option(
+        "--run", metavar="N", help="Which run; see mecazen info.", show_default="the last"
+    ),
 ]
 
 
@@ -201,6 +212,7 @@ def info(
     """Show the contents of a recording: runs, keys, counts, rates and gaps."""
     from mecazen_recorder.reader import Recording
 
+    from mecazen_tools.losses import sentence
     from mecazen_tools.recording_info import inspect
 
     recording = Recording(file)
@@ -223,12 +235,14 @@ def info(
         robots = f", robots {', '.join(run.robots)}" if run.robots else ""
         span = f"{run.begin_s:g} to {run.end_s:g} s"
         typer.echo(f"run {run.run}{seed}{robots}: {span}{known}")
+        for name, shares in run.lost.items():
+            typer.echo(printable(f"  {name or 'robot'}: {sentence(shares)}"))
         for change in run.changes:
             typer.echo(printable(f"  changed at {change}"))
 
 
 def plot(
-    file: RecordingFile,
+    files: RecordingFiles,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -236,29 +250,46 @@ def plot(
             "--output",
             metavar="FILE",
             help="Where to: PNG, SVG or PDF.",
-            show_default="FILE.png beside the recording",
+            show_default="FILE.png beside the first recording",
         ),
     ] = None,
-    run: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Which run; see mecazen info.", show_default="the last"),
-    ] = None,
+    run: RunNumber = None,
 ) -> None:
-    """Draw a recorded run: seen from above, its errors and its velocities over time.
+    """Draw recorded runs: seen from above, their errors and their velocities over time.
 
-    Examples: mecazen plot run.mcap · mecazen plot run.mcap -o run.pdf
+    Several recordings are drawn over each other, with the obstacles of the first.
+
+    Examples: mecazen plot run.mcap · mecazen plot first.mcap second.mcap -o both.pdf
     """
+    target = files[0].with_suffix(".png") if output is None else output
+    drawing.refuse_undrawable(target, "-o")
+    runs = _read(files, run)
+    from mecazen_tools.run_figure import courses, draw  # after the check of Matplotlib
+
+    first, *others = runs.values()
+    title = "" if others else f"{files[0].name}, run {first.run}, seed {first.scenario.seed}"
+    drawn = [
+        course
+        for name, trajectory in runs.items()
+        for course in courses(trajectory, name if others else "")
+    ]
+    drawing.save(draw(drawn, first.scenario, title), target, "-o")
+    typer.echo(f"picture: {target}")
+
+
+def _read(files: list[Path], run: int | None) -> dict[str, RecordedTrajectory]:
+    """Return the runs of recordings by the names of the files, which differ."""
     from mecazen_recorder.reader import Recording
 
-    recording = Recording(file)
-    target = file.with_suffix(".png") if output is None else output
-    drawing.refuse_undrawable(target, "-o")
-    from mecazen_tools.recorded_figure import figure  # after the check that Matplotlib is installed
+    from mecazen_tools.recorded import trajectory_of
 
-    drawn = figure(recording, run)
-    report_damage(recording)
-    drawing.save(drawn, target, "-o")
-    typer.echo(f"picture: {target}")
+    recordings = [Recording(file) for file in files]
+    trajectories = [trajectory_of(recording, run) for recording in recordings]
+    for recording in recordings:
+        report_damage(recording)
+    stems = [file.stem for file in files]
+    names = stems if len({*stems}) == len(stems) else [str(file) for file in files]
+    return dict(zip(names, trajectories, strict=True))
 
 
 def report_damage(recording: Recording, *, any_samples: bool = True) -> None:

@@ -21,7 +21,8 @@ from typer import Option
 
 from mecazen_tools import INTERRUPTED, drawing, files
 from mecazen_tools import simulate as runs
-from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load
+from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load, warn
+from mecazen_tools.losses import sentence
 from mecazen_tools.simulate import InterruptedRun, Result
 from mecazen_tools.trajectory import Scores, Trajectory
 
@@ -82,6 +83,7 @@ def simulate(
         overrides.append(f"{RECORDER}.file={to_value(record)}")
         loaded = load(scenario, overrides)
     _refuse_unwritable(trajectory, plot)
+    warn(loaded)
     if distributed:
         work = partial(runs.simulate_distributed, path, tuple(overrides), path.stem)
     else:
@@ -126,9 +128,9 @@ def _run(
     The scores come before the files, so that a full disk does not cost them.
     """
     is_whole = True
-    with _progress(description, scenario.sim.ticks) as progress:
+    with progress(description, scenario.sim.ticks) as done:
         try:
-            result, run = work(progress)
+            result, run = work(done)
         except InterruptedRun as interrupt:
             result, run = interrupt.args
             is_whole = False
@@ -167,12 +169,12 @@ def _refuse_unwritable(trajectory: Path | None, plot: Path | None) -> None:
 
 
 @contextmanager
-def _progress(description: str, ticks: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar; yield a function that sets the number of finished ticks."""
+def progress(description: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar; yield a function that sets the number of finished ticks or runs."""
     terminal = Console(stderr=True)
     # outside a terminal it would end with an empty line
     with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as bar:
-        task = bar.add_task(description, total=ticks)
+        task = bar.add_task(description, total=total)
         yield lambda done: bar.update(task, completed=done)
 
 
@@ -182,6 +184,10 @@ def _print_scores(result: Result) -> None:
     for name, scores in result.robots.items():
         table.add_row(name, "", *measures(scores))
     console(80).print(table)
+    lost = {name: scores.lost for name, scores in result.robots.items()} or {"": result.lost}
+    for name, shares in lost.items():
+        if line := sentence(shares):
+            typer.echo(f"{name}: {line}" if name else line)
     typer.echo(
         f"contacts: {result.contacts_persons} with followed persons, "
         f"{result.contacts_obstacles} with obstacles"

@@ -19,6 +19,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.commands import FOLLOWER
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.keys import Topic, of_robot
@@ -192,8 +193,8 @@ class Remote:
         self._role = role
         self._robot = robot
         self._sent: Twist | None = None
-        self._newest: dict[Topic[Any], tuple[float, Any]] = {}
-        """Arrival time [s] and content of the newest message."""
+        self._newest: dict[Topic[Any] | str, tuple[float, Any]] = {}
+        """Arrival time [s] and content of the newest message; `FOLLOWER`: of the follower's."""
         self._obeys = role is ROBOT or not goes_own_way(scenario, robot)
         self._service = join_key(role.service, robot)
         bus.presence.known = {self._service}
@@ -205,9 +206,12 @@ class Remote:
             bus.subscribe(of_robot(topic, robot), partial(self._take, topic))
 
     def send(self, twist: Twist2D, *, stops: bool = False) -> None:
-        """Publish a motion, the first rest after it, and any command that `stops`."""
-        moves = self._sent is not None and self._sent != Twist()
-        if any(twist) or moves or stops:
+        """Publish a motion, the rest after it, and any command that `stops`.
+
+        A person gets the first rest only; a robot all, so that no follower drives until the end.
+        """
+        holds = self._sent is not None and (self._role is ROBOT or self._sent != Twist())
+        if any(twist) or holds or stops:
             self._sent = Twist.planar(twist)
             self._bus.publisher(of_robot(self._role.command, self._robot)).put(self._sent, None)
 
@@ -235,18 +239,21 @@ class Remote:
         if not self._obeys:
             return OWN_WAY
         if self._recent(self._role.command) is not None:
-            return f"another program drives on {key} as well: `mecazen up teleop` has no follower"
+            return f"another program drives on {key} as well: `mecazen topics --live` names it"
         guard = self._recent(keys.GUARD_STATE)
         if guard is not None and guard.reason:
             return f"guard lets {guard.factor:.0%} through: {printable(guard.reason)}"
+        if self._sent is not None and self._recent(FOLLOWER) is not None:
+            return f"you drive, and the follower waits until {QUIT} is pressed"
         return ""
 
-    def _take(self, topic: Topic[Any], message: object, _: object) -> None:
+    def _take(self, topic: Topic[Any], message: object, stamp: object) -> None:
+        is_follower = topic is keys.CMD_VEL and stamp is not None
         if message is not self._sent:  # a command of this client returns as the same object
-            self._newest[topic] = time.monotonic(), message
+            self._newest[FOLLOWER if is_follower else topic] = time.monotonic(), message
 
-    def _recent(self, topic: Topic[Any]) -> Any:
-        arrived_s, message = self._newest.get(topic, (-math.inf, None))
+    def _recent(self, source: Topic[Any] | str) -> Any:
+        arrived_s, message = self._newest.get(source, (-math.inf, None))
         return message if time.monotonic() - arrived_s < STALE_S else None
 
 

@@ -34,8 +34,8 @@ from rich.markup import escape
 from rich.table import Table
 from typer import Option
 
-from mecazen_tools.cli.options import ScenarioArgument, Settings
-from mecazen_tools.cli.status import LATE_S, WARNING, Diagnostics, number
+from mecazen_tools.cli.options import ScenarioArgument, Settings, warn
+from mecazen_tools.cli.status import LATE_S, WARNING, Diagnostics, Report, number
 from mecazen_tools.forking import STOPPING
 from mecazen_tools.processes import Supervisor
 
@@ -104,6 +104,7 @@ def up(
     begin = f"[bold]mecazen[/] starts scenario [bold]{escape(path.stem)}[/] ({escape(str(path))})"
     try:
         console.print(begin + ports, soft_wrap=True)
+        warn(loaded)
         if not shares_router:
             supervisor.start_router()
         with closing(ZenohBus(loaded.bus, "client", renamed=loaded.renamed)) as bus:
@@ -214,22 +215,26 @@ def overview(diagnostics: Diagnostics, scenario: Scenario) -> tuple[float, str]:
 
 def _overview_of(robot: str, diagnostics: Diagnostics, late_s: float) -> list[str]:
     """Return the state of a robot, its person and its follower."""
-    x, y = (join_key(name, robot) for name in ("x_m", "y_m"))
+    target, follower = join_key("target", robot), join_key("follower", robot)
+    followed = diagnostics.followed(robot)
+    texts = {
+        "physics": _place(robot or "robot", diagnostics.reports.get("physics", {}), robot),
+        target: _place("person", diagnostics.reports.get(target, {})),
+        follower: "" if followed is None else str(followed),
+    }
     parts = []
-    for service, names, form in (
-        ("physics", (x, y), f"{robot or 'robot'} ({{:+.2f}}, {{:+.2f}})"),
-        (join_key("target", robot), ("x_m", "y_m"), "person ({:+.2f}, {:+.2f})"),
-        (join_key("follower", robot), ("distance_error_m",), "{tracking}, {:+.3f} m off"),
-    ):
-        report = diagnostics.reports.get(service, {})
-        values = [number(report, name) for name in names]
-        if None not in values:
-            text = form.format(*values, tracking=report.get("tracking", "?"))
-            ended = ", the walk has ended" if "walk_ended" in report else ""
+    for service, text in texts.items():
+        if text:
+            ended = "walk_ended" in diagnostics.reports[service]
             age_s = diagnostics.age_s(service)
             age = f" (stale, {age_s:.1f} s old)" if age_s > late_s else ""
-            parts.append(text + ended + age)
+            parts.append(text + (", the walk has ended" if ended else "") + age)
     return parts
+
+
+def _place(name: str, report: Report, robot: str = "") -> str:
+    x, y = (number(report, join_key(key, robot)) for key in ("x_m", "y_m"))
+    return "" if x is None or y is None else f"{name} ({x:+.2f}, {y:+.2f})"
 
 
 def _introduce(console: Console, scenario: Scenario, pids: Mapping[str, int]) -> None:
@@ -264,8 +269,7 @@ def hints(scenario: Scenario) -> list[str]:
         f"{tool} sim pause   # also: resume, reset, step, speed",
     ]
     teleop = f"{tool} teleop{f' --robot {robot}' if robot else ''}"
-    if "follower" not in scenario.services:
-        lines.append(f"{teleop}   # drives the robot by keyboard or gamepad")
+    lines.append(f"{teleop}   # drives the robot by keyboard or gamepad")
     if isinstance(scenario.target.path, Driven):
         lines.append(f"{teleop} --person   # walks the person")
     if shutil.which("mecazen") is None:

@@ -1,4 +1,4 @@
-"""A follower of one's own: look at the person and keep 1 m from them."""
+"""A follower: look at the person and keep 1 m from them."""
 
 import math
 

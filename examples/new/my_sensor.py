@@ -1,49 +1,49 @@
-"""A user-defined sensor: the distance from the robot to the person, ten times per second."""
+"""A sensor: the distance from the robot to the person, ten times per second, with noise."""
 
 import numpy as np
 from mecazen.config import Scenario
 from mecazen.keys import GROUND_TRUTH, TARGET_ODOM, Topic
 from mecazen.messages import Float, Header, Message
 from mecazen.node import Inputs, Node, Outputs, Row, Tick, every
-from mecazen.schema import NonNegative, Positive, Section
+from mecazen.schema import Live, NonNegative, Positive, Section
 
 
-class Range(Message):
-    """A distance, as from an ultrasonic sensor; at most the sensor's range."""
+class Distance(Message):
+    """The message that the sensor publishes."""
 
-    ROS_TYPE = "mecazen_examples/msg/Range"
+    ROS_TYPE = "my_msgs/msg/Distance"
     header: Header = Header()
-    range: Float = 0.0
+    distance: Float = 0.0
 
 
-class RangeConfig(Section):
-    """The section `[range]` of a scenario."""
+class MySensorConfig(Section):
+    """The section `[my_sensor]` of a scenario."""
 
     rate_hz: Positive = 10.0
     max_range_m: Positive = 4.0
-    std_m: NonNegative = 0.01
+    std_m: Live[NonNegative] = 0.01  # `mecazen param set` can change it
 
 
-RANGE = Topic("range", Range, "distance from the robot to the person")
+DISTANCE = Topic("my_sensor", Distance, "distance from the robot to the person")
 
 
-class RangeSensor(Node):
+class MySensor(Node):
     """Measures the distance to the person's middle."""
 
     ROW = Row(
-        "range",
+        "my_sensor",
         "measures the distance to the person",
         inputs=(every(GROUND_TRUTH), every(TARGET_ODOM)),
-        outputs=(RANGE,),
-        rates={RANGE.key: "range.rate_hz"},
+        outputs=(DISTANCE,),
+        rates={DISTANCE.key: "my_sensor.rate_hz"},  # so that others can wait for its samples
     )
-    SECTION = RangeConfig
+    SECTION = MySensorConfig
 
     def __init__(self, scenario: Scenario) -> None:
-        """Take the section `[range]`."""
+        """Take the section `[my_sensor]`."""
         super().__init__(scenario)
-        self.config = scenario.section(RangeConfig)
-        self.ticks_per_sample = scenario.ticks_per("range.rate_hz")
+        self.config = scenario.section(MySensorConfig)
+        self.ticks_per_sample = scenario.ticks_per("my_sensor.rate_hz")
 
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""
@@ -56,4 +56,5 @@ class RangeSensor(Node):
         robot, person = (inputs[t].pose.pose.to_planar() for t in (GROUND_TRUTH, TARGET_ODOM))
         noise = self.config.std_m * self.random.standard_normal()
         measured = min(robot.distance(person) + noise, self.config.max_range_m)
-        return {RANGE: Range(header=Header(stamp=tick.time, frame_id="base_link"), range=measured)}
+        header = Header(stamp=tick.time, frame_id="base_link")
+        return {DISTANCE: Distance(header=header, distance=measured)}

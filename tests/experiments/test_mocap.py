@@ -1,4 +1,4 @@
-"""Quality of a captured walk, where errors are known, and one short run of the study."""
+"""Motion capture: joints placed by odometry, errors that are known, and one short run."""
 
 import math
 from pathlib import Path
@@ -9,24 +9,38 @@ from experiments.conftest import experiment
 from experiments.made_up import BACK, run
 from experiments.walks import person, reported
 from harness import ROOT
+from mecazen import messages as m
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.skeleton import ANGLES, JOINTS
-from mecazen_experiments.capture import Capture
 from mecazen_experiments.figures import PERCENT, by_stride
-from mecazen_experiments.quality import MEASURED, SETTLING_S, quality, walk_of
+from mecazen_experiments.gait.motion import MEASURED, angles, motions
+from mecazen_experiments.mocap import SETTLING_S, captured, quality
+from mecazen_tools.table import Poses
+from people import body
 
 WALKED_S = 12.0
 
 
-def captured(joints, truth, t, phases, seen=2):
-    """A capture of a person who walks from the first tick on."""
-    true = reported(t, truth, 0.0)._replace(phases=phases)
-    confidence = np.full(joints.shape[:2], seen)
-    ticks = round(WALKED_S / 0.01)
-    x = 1.2 * 0.01 * np.arange(ticks)
-    pose = {"target": (x, 0.0, 0.0), "robot": (x - 1.0, 0.0, 0.0)}
-    table = run(ticks, **pose, odom=pose["robot"])
-    return Capture(true, reported(t, joints)._replace(confidence=confidence), table, "sha")
+def test_reported_joints_are_placed_by_odometry():
+    header = m.Header(m.Time.from_ns(20_000_000))
+    skeleton = m.Skeleton(header, joints=(m.Point(3.0, 1.0, 0.5),) * 20, phases=(0.2, 0.7))
+    before_start, nobody = m.Skeletons(), m.Skeletons(m.Header(m.Time.from_ns(60_000_000)))
+    frames = [before_start, m.Skeletons(header, (skeleton,)), nobody]
+    truth, seen = motions([skeleton], frames)
+    placed = seen.placed(Poses(*np.tile([[2.0], [0.0], [math.pi / 2]], 2)))
+    assert placed.t == pytest.approx([0.02, 0.06])
+    assert placed.reported.tolist() == [True, False]
+    # 3 m ahead and 1 m to the left of a robot at (2, 0) that looks along y
+    assert placed.joints[0] == pytest.approx(np.tile((1.0, 3.0, 0.5), (len(JOINTS), 1)))
+    assert truth.phases.tolist() == [[0.2, 0.7]]
+
+
+def test_angles_are_in_degrees():
+    joints = body(hips=(math.radians(20.0), 0.0), knees=(0.0, math.radians(30.0)))
+    by_name = dict(zip(ANGLES, angles(joints[None])[0], strict=True))
+    # 10 degrees of hip flexion are the pelvis's tilt
+    assert by_name["left_hip"] == pytest.approx(30.0)
+    assert by_name["right_knee"] == pytest.approx(30.0)
 
 
 @pytest.fixture(scope="module")
@@ -34,26 +48,37 @@ def walk():
     return person(duration_s=WALKED_S)
 
 
-def test_without_noise_nothing_is_wrong(walk):
+def capture(walk, seen=None, truth=None, confidence=2):
+    """A capture of a person who walks from the first tick on."""
     t, joints, phases = walk
-    found = captured(joints, joints, t, phases)
-    columns = quality(found, BACK)
+    true = reported(t, joints if truth is None else truth, 0.0)._replace(phases=phases)
+    tracked = reported(t, joints if seen is None else seen)
+    ticks = round(WALKED_S / 0.01)
+    x = 1.2 * 0.01 * np.arange(ticks)
+    robot = x - 1.0, 0.0, 0.0
+    table = run(ticks, target=(x, 0.0, 0.0), robot=robot, odom=robot)
+    tracked = tracked._replace(confidence=np.full(joints.shape[:2], confidence))
+    return captured(table, true, tracked)
+
+
+def test_without_noise_nothing_is_wrong(walk):
+    measured = capture(walk)
+    columns = quality(measured, BACK)
     assert [columns[f"raw_{joint}_deg"] for joint in MEASURED] == [0.0] * 3
     assert columns["knee_seen_percent"] == 100.0
     assert abs(columns["speed_err_percent"]) < 1.0
     assert abs(columns["stride_length_err_mm"]) < 20.0
-    angles = walk_of(found).angles
-    assert angles["raw"] == pytest.approx(angles["truth"])
-    assert len(angles["raw"]) == (t >= SETTLING_S).sum()
+    assert measured.angles["raw"] == pytest.approx(measured.angles["truth"])
+    assert len(measured.angles["raw"]) == (walk[0] >= SETTLING_S).sum()
 
 
 def test_a_constant_error_of_one_leg_is_gone_when_centred(walk):
-    t, joints, phases = walk
-    turned = joints.copy()
+    turned = walk[1].copy()
     turned[:, JOINTS.index("left_ankle"), 2] += 0.05
-    found = captured(turned, joints, t, phases, seen=1)
-    columns, angles = quality(found, BACK), walk_of(found).angles
-    errors = (angles["raw"] - angles["truth"])[:, ANGLES.index("left_ankle")]
+    measured = capture(walk, turned, confidence=1)
+    columns = quality(measured, BACK)
+    ankle = ANGLES.index("left_ankle")
+    errors = (measured.angles["raw"] - measured.angles["truth"])[:, ankle]
     # the right leg has no error
     assert columns["raw_ankle_deg"] == pytest.approx(math.sqrt((errors**2).mean() / 2.0))
     assert columns["raw_ankle_centred_deg"] == pytest.approx(math.sqrt(errors.var() / 2.0))
@@ -61,16 +86,14 @@ def test_a_constant_error_of_one_leg_is_gone_when_centred(walk):
 
 
 def test_a_person_who_stands_has_no_gait(walk):
-    t, joints, phases = walk
-    still = np.broadcast_to(joints[0], joints.shape)
+    still = np.broadcast_to(walk[1][0], walk[1].shape)
     with pytest.raises(ConfigError, match="nobody takes two strides"):
-        quality(captured(still, still, t, phases), BACK)
+        quality(capture(walk, still, still), BACK)
 
 
-def test_a_walk_that_no_frame_shows_has_the_same_columns_without_values(walk):
-    t, joints, phases = walk
-    columns = quality(captured(np.full_like(joints, np.nan), joints, t, phases), BACK)
-    assert columns.keys() == quality(captured(joints, joints, t, phases), BACK).keys()
+def test_a_walk_that_no_frame_shows_has_columns_without_values(walk):
+    columns = quality(capture(walk, np.full_like(walk[1], np.nan)), BACK)
+    assert columns.keys() == quality(capture(walk), BACK).keys()
     for name in ("raw_knee_deg", "refined_knee_deg", "strike_err_ms", "raw_jitter_mm"):
         assert columns[name] is None
 

@@ -1,0 +1,90 @@
+"""Who drives: the choice among commands of the follower, of programs and of locks."""
+
+import pytest
+from harness import Steps, forward, load_robot
+from mecazen import messages as m
+from mecazen.config import ControllerConfig, Scenario
+from mecazen.config.services import Command
+from mecazen.errors import ConfigError
+from mecazen.keys import CMD_VEL, HAND_CMD_VEL, JOINT_STATES, command_topic, lock_topic
+from mecazen.programs import graph_of
+from mecazen.robot import WHEEL_JOINTS
+from mecazen_controller.node import ControllerNode
+
+JOY, PAUSE, STOP = Command("joy", 200, 0.1), Command("pause", 50, lock=True), Command("stop", 255)
+NODE, HAND, TOPIC = CMD_VEL, HAND_CMD_VEL, command_topic("joy")
+LOCK = lock_topic("pause")
+JOINTS = m.JointState(name=WHEEL_JOINTS, velocity=(0.0,) * 4)
+
+
+def drivers(commands, *samples, ticks=(0,)):
+    """Return who drives at each of the ticks; the samples come with the ticks before their own."""
+    robot = load_robot()
+    controller = ControllerConfig(commands=commands)
+    node = Steps(ControllerNode, Scenario(robot=robot, controller=controller))
+    drives = []
+    for tick in range(max(ticks) + 1):
+        came = {topic: message for at, topic, message in samples if at == tick}
+        node.step(tick, {JOINT_STATES: JOINTS, **came})
+        drives.append(node.node.diagnostics()["drives"])
+    return [drives[tick] for tick in ticks]
+
+
+@pytest.mark.parametrize(
+    ("commands", "samples", "ticks", "expected"),
+    [
+        ((), [(0, NODE, forward(1.0))], (0, 50, 51), ["follower", "follower", ""]),
+        # a program takes over until it is silent, then the follower goes on
+        (
+            (Command("cmd_vel", timeout_s=0.2),),
+            [(0, NODE, forward(1.0)), (5, HAND, forward(0.2))],
+            (4, 5, 25, 26),
+            ["follower", "cmd_vel", "cmd_vel", "follower"],
+        ),
+        # the highest priority, in any order of the file
+        (
+            (Command("cmd_vel"), JOY),
+            [(0, HAND, forward(0.2)), (0, TOPIC, forward(0.1))],
+            (0, 10, 11),
+            ["joy", "joy", "cmd_vel"],
+        ),
+        # a key that is left out is not obeyed
+        ((JOY,), [(0, NODE, forward(1.0)), (0, HAND, forward(0.2))], (0,), ["follower"]),
+        # a lock holds what is of its priority or below, until it is taken away
+        (
+            (Command("cmd_vel"), PAUSE),
+            [
+                (0, NODE, forward(1.0)),
+                (2, LOCK, m.Bool(data=True)),
+                (4, HAND, forward(0.2)),
+                (60, LOCK, m.Bool(data=False)),
+                (60, NODE, forward(1.0)),
+            ],
+            (1, 2, 4, 55, 60),
+            ["follower", "locked by pause", "cmd_vel", "locked by pause", "follower"],
+        ),
+        # a lock with a timeout must be refreshed
+        (
+            (Command("pause", 50, 0.1, lock=True),),
+            [(0, NODE, forward(1.0)), (1, LOCK, m.Bool())],
+            (0, 1, 11, 12),
+            ["locked by pause", "follower", "follower", "locked by pause"],
+        ),
+    ],
+)
+def test_the_fresh_command_of_the_highest_priority_drives(commands, samples, ticks, expected):
+    assert drivers(commands, *samples, ticks=ticks) == expected
+
+
+@pytest.mark.parametrize(
+    ("commands", "problem"),
+    [
+        ([JOY, JOY], "commands: each key at most once"),
+        ([Command("cmd_vel", lock=True)], "commands: cmd_vel has twists and can't be a lock"),
+        ([Command("odom")], "controller.commands: odom is the key of another topic: take another"),
+        ([Command("sim/reset")], "controller.commands: sim/reset is the key of another topic"),
+    ],
+)
+def test_keys_that_cannot_command_are_refused(commands, problem):
+    with pytest.raises((ConfigError, ValueError), match=problem):
+        graph_of(Scenario(robot=load_robot(), controller=ControllerConfig(commands=(*commands,))))

@@ -1,0 +1,88 @@
+"""`mecazen new` and `mecazen scenarios`: small files that run, and what can be run."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from mecazen.errors import ConfigError
+from mecazen.loading import scenario_path
+from rich.table import Column, Table
+from rich.text import Text
+from typer import Argument
+
+from mecazen_tools import files
+from mecazen_tools.cli.options import console
+
+TEMPLATES = Path(__file__).parents[1] / "templates"
+"""Folder of the templates: examples/new in a clone."""
+WIDTH = 100
+
+
+class Kind(StrEnum):
+    """What `mecazen new` writes."""
+
+    FOLLOWER = "follower"
+    SENSOR = "sensor"
+    ROBOT = "robot"
+    PROCESS = "process"
+    STUDY = "study"
+
+
+COMMANDS = {
+    Kind.FOLLOWER: (
+        "mecazen up back --set programs.follower={file}:{type}",
+        "mecazen compare back {file}:{type} default",
+    ),
+    Kind.SENSOR: (
+        "mecazen simulate back --set programs.{name}={file}:{type} --record {name}.mcap",
+    ),
+    Kind.ROBOT: ("mecazen simulate back --set robot={file}",),
+    Kind.PROCESS: ("mecazen up back --without follower", "python {file}"),
+    Kind.STUDY: ("mecazen experiment run {file}",),
+}
+"""The commands that use each file."""
+
+
+def new(
+    kind: Annotated[Kind, Argument(help="What to write.", show_default=False)],
+    name: Annotated[str, Argument(help="Its name, such as lead or my_robot.", show_default=False)],
+) -> None:
+    """Write a small file that runs, to change it: a follower, sensor, robot, process or study.
+
+    Examples: mecazen new follower my_follower · mecazen new study gains
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name):
+        raise ConfigError(f"{name!r}: a name has small letters, digits and _, such as my_{kind}")
+    (template,) = TEMPLATES.glob(f"my_{kind}.*")
+    file = Path(f"{name}{template.suffix}")
+    if file.exists():
+        raise ConfigError(f"{file}: exists already, and is not overwritten")
+    pascal = name.title().replace("_", "")
+    text = template.read_text().replace(f"my_{kind}", name).replace(f"My{kind.title()}", pascal)
+    files.write(file, text.encode())
+    typer.echo(f"{file}: written; next:")
+    for command in COMMANDS[kind]:
+        typer.echo(f"  {command.format(name=name, file=file, type=pascal)}")
+
+
+def scenarios() -> None:
+    """List the scenarios that have a name, each with what happens in it.
+
+    Example: mecazen scenarios
+    """
+    table = Table(Column("scenario", no_wrap=True), "what happens")
+    for file in sorted(scenario_path("back").parent.glob("*.toml")):
+        table.add_row(*map(Text, (file.stem, first_sentence(file.read_text()))))
+    console(WIDTH).print(table)
+
+
+def first_sentence(text: str) -> str:
+    """Return the first sentence of the comment at the beginning of a TOML file."""
+    (comment,) = re.findall(r"\A((?:#.*\n)*)", text)
+    words = " ".join(line.lstrip("# ") for line in comment.splitlines())
+    return re.split(r"(?<=\.) ", words)[0]
