@@ -10,7 +10,7 @@ from statistics import fmean
 import optuna
 from mecazen_experiments.expansion import expand
 from mecazen_experiments.runs import Store, local_workers, run_all
-from mecazen_experiments.study import chosen, load_study, study_path
+from mecazen_experiments.study import load_study
 
 CASES = ("back without", "side without")
 TRAINING, HELD_OUT = (101, 102), (103, 104, 105, 106, 107, 108)
@@ -18,20 +18,20 @@ TRAINING, HELD_OUT = (101, 102), (103, 104, 105, 106, 107, 108)
 
 def errors(parameters: dict[str, float], seeds: tuple[int, ...]) -> dict[str, float]:
     """Return the relative error of each published mean; finished runs are kept."""
-    found = {}
-    for name in CASES:
-        study = chosen(load_study(study_path("table2")), [f"case={name}"])
+    study, deviations = load_study("table2"), {}
+    for case in (case for case in study.cases if case.name in CASES):
+        name = case.name
         settings = tuple(
             f"{key.removeprefix(f'{name}: ')}={value:.4g}"
             for key, value in parameters.items()
             if ":" not in key or key.startswith(name)
         )
-        jobs = expand(study, seeds, settings)
+        jobs = expand(study, seeds, settings, only=[f"case={name}"])
         runs = run_all(jobs, Store(Path("experiments.sqlite")), local_workers())
-        for score, published in study.cases[0].published.items():
+        for score, published in case.published.items():
             mean = fmean(float(columns[score] or 0.0) for columns in runs.values())
-            found[f"{name}, {score}"] = mean / published - 1.0
-    return found
+            deviations[f"{name}, {score}"] = mean / published - 1.0
+    return deviations
 
 
 def cost(trial: optuna.Trial) -> float:

@@ -24,8 +24,10 @@ from mecazen.errors import MecazenError
 from mecazen.files import read_text, read_toml
 from mecazen_bench import harness
 from mecazen_experiments import commands, frame, tables
-from mecazen_experiments.study import load_study, study_path
+from mecazen_experiments.cli import app
+from mecazen_experiments.study import load_study
 from mecazen_experiments.versions import version
+from typer.main import get_command
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(
@@ -56,16 +58,9 @@ class Results:
         group, _, *words = self.words(stage)
         if group == "bench":
             return version(f"mecazen_bench.{stage.removeprefix('bench-')}")[:16]
-        options = argparse.ArgumentParser()
-        options.add_argument("name")
-        for option in ("seeds", "figures"):
-            options.add_argument(f"--{option}")
-        options.add_argument("--walks", type=Path)
-        for option in ("set", "sweep", "only"):
-            options.add_argument(f"--{option}", action="append", default=[])
-        chosen = vars(options.parse_args(words))
-        del chosen["figures"]
-        _, jobs = commands.expanded(**chosen)
+        options = get_command(app).make_context("run", words).params
+        names = "study", "seeds", "walks", "settings", "sweep", "only"
+        _, jobs = commands.plan(*(options[name] for name in names))
         return sha256(" ".join(sorted(job.key for job in jobs)).encode())
 
     def made(self, stage: str) -> dict[str, str]:
@@ -74,7 +69,7 @@ class Results:
         group, _, name, *_ = shlex.split(self.stages[stage]["command"])
         if group == "bench":
             return harness.tables(harness.read(file))
-        study = load_study(study_path(name))
+        study = load_study(name)
         runs = frame.read(study, read_text(file))
         return {table.title: tables.markdown(table) for table in tables.make_tables(study, runs)}
 

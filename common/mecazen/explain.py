@@ -107,6 +107,8 @@ def _describe(node: mi.Type) -> str:
             return f"a list{count}, each {describe(node.item_type)}"
         case mi.TupleType(item_types=items):
             return f"[{', '.join(map(describe, items))}]"
+        case mi.StructType(array_like=True, fields=columns):
+            return f"[{', '.join(column.encode_name for column in columns)}]"
         case mi.StructType():
             return "a table"
         case mi.DictType(value_type=item):
@@ -128,6 +130,11 @@ def _follow(node: mi.Type, value: Any, steps: Iterable[str]) -> tuple[list[str],
             node, value = node.item_types[int(step)], value[int(step)]
         elif isinstance(node, mi.VarTupleType | mi.ListType):
             node, value = node.item_type, value[int(step)]
+        elif isinstance(node, mi.StructType) and node.array_like:
+            field = node.fields[int(step)]
+            key.append(field.encode_name)
+            node, value = field.type, value[int(step)]
+            continue
         else:
             node, value = fields(node)[step], value.get(step)
         name = value.get("name") if step.isdigit() and isinstance(value, dict) else None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from mecazen.config import Scenario
 from mecazen_experiments.expansion import expand
-from mecazen_experiments.study import chosen, load_study, study_path
+from mecazen_experiments.study import load_study
 from PIL import Image
 
 from docs.pictures import scene
@@ -38,7 +38,7 @@ class Situation(NamedTuple):
         """Return the scenario of the case's first seed."""
         names = {"case": self.case, "driver": self.driver, "view": self.view}
         only = [f"{axis}={name}" for axis, name in names.items()]
-        (job,) = expand(chosen(load_study(study_path("safety")), only), [1])
+        (job,) = expand(load_study("safety"), [1], only=only)
         return job.load()
 
 

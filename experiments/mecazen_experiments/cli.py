@@ -11,29 +11,19 @@ from typer import Argument, Option
 
 app = typer.Typer(no_args_is_help=True, help="Run scenarios many times and score them.")
 
-FILE_HELP = "A TOML file, or its name in configs/experiments."
-DASK_HELP = "Send the runs to this Dask scheduler; start its workers with --nthreads 1."
-
-Walks = Annotated[
-    Path | None,
-    Option(
-        metavar="FOLDER",
-        help="Run cases of a recorded walk with each CSV in this folder.",
-        show_default=False,
-    ),
-]
-Jobs = Annotated[
-    int | None, Option(min=1, help="Processes on this machine.", show_default="one for each core")
-]
-Store = Annotated[Path, Option(metavar="FILE", help="Where results are kept; SQLite.")]
-STORE = Path("experiments.sqlite")
-
 # Each command imports what it needs itself: every start of `mecazen` imports this module.
 
 
 @app.command()
 def run(
-    study: Annotated[str, Argument(metavar="STUDY", help=FILE_HELP, show_default=False)],
+    study: Annotated[
+        str,
+        Argument(
+            metavar="STUDY",
+            help="A TOML file, or its name in configs/experiments.",
+            show_default=False,
+        ),
+    ],
     seeds: Annotated[
         str | None,
         Option(metavar="N-M", help="Seeds: a range or a list.", show_default="study's"),
@@ -56,12 +46,29 @@ def run(
             show_default="all",
         ),
     ] = None,
-    walks: Walks = None,
-    jobs: Jobs = None,
-    cluster: Annotated[
-        str | None, Option(metavar="ADDRESS", help=DASK_HELP, show_default=False)
+    walks: Annotated[
+        Path | None,
+        Option(
+            metavar="FOLDER",
+            help="Run cases of a recorded walk with each CSV in this folder.",
+            show_default=False,
+        ),
     ] = None,
-    store: Store = STORE,
+    jobs: Annotated[
+        int | None,
+        Option(min=1, help="Processes on this machine.", show_default="one for each core"),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        Option(
+            metavar="ADDRESS",
+            help="Send the runs to this Dask scheduler; start its workers with --nthreads 1.",
+            show_default=False,
+        ),
+    ] = None,
+    store: Annotated[Path, Option(metavar="FILE", help="Where results are kept; SQLite.")] = Path(
+        "experiments.sqlite"
+    ),
     csv: Annotated[
         Path | None, Option(metavar="FILE", help="Write the runs, a row each.", show_default=False)
     ] = None,
@@ -88,12 +95,6 @@ def run(
     """
     from mecazen_experiments import commands  # noqa: PLC0415
 
-    commands.run(
-        commands.RunOptions(jobs, cluster, store, csv, figures, films),
-        study,
-        seeds=seeds,
-        walks=walks,
-        set=settings or (),
-        sweep=sweep or (),
-        only=only or (),
-    )
+    workers = commands.choose_workers(jobs, cluster)
+    planned = commands.plan(study, seeds, walks, settings or (), sweep or (), only or ())
+    commands.run(*planned, workers, store, csv, figures, films)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import typer
 from mecazen.errors import ConfigError
@@ -33,7 +32,7 @@ from mecazen_experiments.runs import (
     local_workers,
     run_all,
 )
-from mecazen_experiments.study import Study, chosen, load_study, parse_sweeps, study_path
+from mecazen_experiments.study import Study, load_study
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as in a shell: 128 and the signal's number."""
@@ -41,92 +40,84 @@ WIDTH = 160
 """Width of the tables [characters] if the output is not a terminal."""
 
 
-class RunOptions(NamedTuple):
-    """Where runs are done and kept, and what is written."""
-
-    jobs: int | None
-    """Processes on this machine; None for one on each core."""
-    cluster: str | None
-    """Address of a Dask scheduler to send the runs to."""
-    store: Path
-    csv: Path | None
-    """File for the frame: one row a run."""
-    figures: Path | None
-    """Folder for the study's figures."""
-    films: Path | None
-    """Folder for a recording of the first run of each row."""
-
-
-def expanded(
+def plan(
     name: str,
     seeds: str | None,
     walks: Path | None,
-    set: Sequence[str],  # noqa: A002  # the option's name
-    sweep: Sequence[str],
-    only: Sequence[str],
+    settings: Iterable[str],
+    sweep: Iterable[str],
+    only: Iterable[str],
 ) -> tuple[Study, list[Job]]:
     """Return a study and its runs; the arguments are those of the command."""
-    study = chosen(load_study(study_path(name)), only)
-    walk_files = recordings(walks)
-    return study, expand(study, parse_seeds(seeds), tuple(set), parse_sweeps(sweep), walk_files)
+    study = load_study(name)
+    recorded = sorted(walks.glob("*.csv")) if walks else []
+    if walks and not recorded:
+        raise ConfigError(f"--walks {walks}: no such folder, or no *.csv in it")
+    sweeps = dict(map(_parse_sweep, sweep))
+    return study, expand(study, _parse_seeds(seeds), tuple(settings), sweeps, recorded, only)
 
 
-def run(options: RunOptions, name: str, **choice: Any) -> None:
-    """Run a study; print its tables, and write its frame, figures and films on demand.
+def run(
+    study: Study,
+    jobs: Sequence[Job],
+    workers: AbstractContextManager[Workers],
+    store: Path,
+    csv: Path | None = None,
+    figures: Path | None = None,
+    films: Path | None = None,
+) -> None:
+    """Do the runs of a study; print its tables, and write its frame, figures and films on demand.
 
-    `choice` are further arguments of `expanded`.
+    Args:
+        study: The study.
+        jobs: Its runs.
+        workers: Who does them.
+        store: The file of finished runs.
+        csv: File for the frame: one row a run.
+        figures: Folder for the study's figures.
+        films: Folder for a recording of the first run of each row.
     """
-    _refuse_unwritable(load_study(study_path(name)), name, options)
-    study, jobs = expanded(name, **choice)
+    _prepare(study, csv, figures, films)
 
     def check(job: Job, columns: Columns) -> None:
         tables.check(study, frame.read(study, frame.to_csv([job], {job.key: columns})))
 
     failure: RunsFailedError | None = None
-    with _session(options) as (store, workers, progress):
+    with _session(workers, store) as (database, active, progress):
         try:
-            results = run_all(jobs, store, workers, progress, check)
+            results = run_all(jobs, database, active, progress, check)
         except RunsFailedError as error:
-            failure, results = error, store.find(job.key for job in jobs)
+            failure, results = error, database.find(job.key for job in jobs)
             if not results:
                 raise
         text = frame.to_csv(jobs, results)
-        if options.csv is not None:
-            files.write(options.csv, text.encode(), "--csv")
-        places = " and ".join(str(file) for file in (options.store, options.csv) if file)
-        typer.echo(f"results: {places}", err=True)
+        if csv is not None:
+            files.write(csv, text.encode(), "--csv")
+        typer.echo(f"results: {' and '.join(str(file) for file in (store, csv) if file)}", err=True)
         runs = frame.read(study, text)
         shown = [tables.to_rich(table) for table in tables.make_tables(study, runs)]
         console(WIDTH).print(*shown, sep="\n")
         done = [job for job in jobs if job.key in results]
-        for file in _drawn(study, runs, done, workers, options):
-            typer.echo(file)
+        if films is not None:
+            first = {job.row: job for job in reversed(done)}
+            for _, file in do_all(partial(film, films.resolve()), [*first.values()], active):
+                typer.echo(file)
+        if figures is not None:
+            from mecazen_experiments.figures import draw  # noqa: PLC0415  # slow to import
+
+            for file in draw(study, runs, done, active, figures):
+                typer.echo(file)
     if failure is not None:
         raise failure
 
 
-def parse_seeds(text: str | None) -> Sequence[int]:
-    """Return the seeds of `--seeds`: `7`, `1-30`, or `1,4,9`; none without the option.
-
-    Raises:
-        ConfigError: The text is no such list, or the seeds are too many.
-    """
-    seeds: list[int] = []
-    for part in text.split(",") if text is not None else ():
-        match = re.fullmatch(r"\s*(\d{1,9})\s*(?:-\s*(\d{1,9})\s*)?", part)
-        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
-        if not 0 <= last - first < 1_000_000:
-            raise ConfigError(f"--seeds {text}: must be a range or a list, such as 1-30 or 1,4,9")
-        seeds += range(first, last + 1)
-    return list(dict.fromkeys(seeds))
-
-
-def recordings(folder: Path | None) -> list[Path]:
-    """Return the walks of `--walks`."""
-    walks = sorted(folder.glob("*.csv")) if folder else []
-    if folder and not walks:
-        raise ConfigError(f"--walks {folder}: no such folder, or no *.csv in it")
-    return walks
+def choose_workers(jobs: int | None, cluster: str | None) -> AbstractContextManager[Workers]:
+    """Return the workers of `--jobs` and `--cluster`."""
+    if cluster is None:
+        return nullcontext(local_workers(jobs))
+    if jobs is not None:
+        raise ConfigError("--jobs: the workers of --cluster have their own number of processes")
+    return cluster_workers(cluster)
 
 
 def film(folder: Path, job: Job) -> Path:
@@ -142,42 +133,45 @@ def film(folder: Path, job: Job) -> Path:
     return file
 
 
-def _drawn(
-    study: Study, runs: Any, jobs: Sequence[Job], workers: Workers, options: RunOptions
-) -> Iterator[Path]:
-    """Draw figures and record films; yield the files."""
-    first = {job.row: job for job in reversed(jobs)}
-    if options.films is not None:
-        work = partial(film, options.films.resolve())
-        yield from (file for _, file in do_all(work, [*first.values()], workers))
-    if options.figures is not None:
-        from mecazen_experiments import figures  # noqa: PLC0415  # slow to import
-
-        yield from figures.draw(study, runs, jobs, workers, options.figures)
+def _parse_seeds(text: str | None) -> list[int]:
+    """Return the seeds of `--seeds`: `7`, `1-30`, or `1,4,9`; none without the option."""
+    seeds: list[int] = []
+    for part in text.split(",") if text is not None else ():
+        match = re.fullmatch(r"\s*(\d{1,9})\s*(?:-\s*(\d{1,9})\s*)?", part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+        if not 0 <= last - first < 1_000_000:
+            raise ConfigError(f"--seeds {text}: must be a range or a list, such as 1-30 or 1,4,9")
+        seeds += range(first, last + 1)
+    return list(dict.fromkeys(seeds))
 
 
-def _refuse_unwritable(study: Study, name: str, options: RunOptions) -> None:
+def _parse_sweep(option: str) -> tuple[str, tuple[str, ...]]:
+    """Return the key and the values of `--sweep KEY=V1,V2`."""
+    key, _, text = (part.strip() for part in option.partition("="))
+    values = tuple(value.strip() for value in text.split(","))
+    if not (key and all(values)):
+        raise ConfigError(f"--sweep {option}: must be key.path=value,value")
+    return key, values
+
+
+def _prepare(study: Study, csv: Path | None, figures: Path | None, films: Path | None) -> None:
     """Make the folders of the options, and refuse what can't be written, before the runs."""
-    if options.csv is not None and not options.csv.absolute().parent.is_dir():
-        raise ConfigError(f"--csv {options.csv}: no such folder")
-    if options.figures is not None:
-        from mecazen_experiments import figures  # noqa: PLC0415  # slow to import
-
-        if not study.figures:
-            raise ConfigError(f"--figures: {name} has no [[figure]]")
-        figures.check(study)
-    if options.films is not None and not all(case.scenario for case in study.cases):
-        raise ConfigError(f"--films: {name} has a case without a scenario")
-    for option, folder in (("--figures", options.figures), ("--films", options.films)):
+    if csv is not None and not csv.absolute().parent.is_dir():
+        raise ConfigError(f"--csv {csv}: no such folder")
+    if figures is not None and not study.figures:
+        raise ConfigError("--figures: the study has no [[figure]]")
+    if films is not None and not all(case.scenario for case in study.cases):
+        raise ConfigError("--films: a case of the study has no scenario")
+    for option, folder in (("--figures", figures), ("--films", films)):
         if folder is not None:
             files.make_folder(folder, option)
 
 
 @contextmanager
-def _session(options: RunOptions) -> Iterator[tuple[Store, Workers, Progress]]:
+def _session(
+    workers: AbstractContextManager[Workers], file: Path
+) -> Iterator[tuple[Store, Workers, Progress]]:
     """Open the store and the workers, and show progress; Ctrl-C ends it in one line."""
-    if options.cluster is not None and options.jobs is not None:
-        raise ConfigError("--jobs: the workers of --cluster have their own number of processes")
     terminal = Console(stderr=True)
     bar = Bar(
         *(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()),
@@ -193,19 +187,13 @@ def _session(options: RunOptions) -> Iterator[tuple[Store, Workers, Progress]]:
         bar.update(task, completed=done, total=total)
 
     try:
-        with closing(Store(options.store)) as store, _workers(options) as workers, bar:
-            yield store, workers, progress
+        with closing(Store(file)) as store, workers as active, bar:
+            yield store, active, progress
     except KeyboardInterrupt:
         done, total = bar.tasks[0].completed, bar.tasks[0].total or 0
         typer.echo(
             f"interrupted after {done:g} of {total:g} runs; finished ones are kept in "
-            f"{options.store}, and the same command continues from there",
+            f"{file}, and the same command continues from there",
             err=True,
         )
         raise typer.Exit(INTERRUPTED) from None
-
-
-def _workers(options: RunOptions) -> AbstractContextManager[Workers]:
-    if options.cluster is not None:
-        return cluster_workers(options.cluster)
-    return nullcontext(local_workers(options.jobs or -1))

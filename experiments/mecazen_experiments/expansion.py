@@ -6,12 +6,11 @@ import hashlib
 import json
 import math
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from mecazen.config import Scenario
 from mecazen.config.people import Recorded
@@ -30,11 +29,11 @@ class Job(NamedTuple):
     """One run: a row of the study's frame."""
 
     program: str
-    """The name of the function in `programs.PROGRAMS` that simulates and measures it."""
+    """The name in `programs.PROGRAMS` of the function that simulates and measures it."""
     labels: Mapping[str, Label]
-    """The case, the choices of the grid and the swept settings: columns of the frame."""
-    choices: Mapping[str, Label]
-    """The labels that distinguish the rows of the study: all but those that a case defines."""
+    """Columns of the frame: the case, its labels, the choices of the grid, and swept settings."""
+    row: str
+    """The case, the choices and the swept settings in words."""
     seed: int
     file: Path | None
     """The recorded walk, or the file of the study's `files`, if there is one."""
@@ -50,13 +49,6 @@ class Job(NamedTuple):
     def walk(self) -> str:
         """The name of the file; empty without one."""
         return "" if self.file is None else self.file.stem
-
-    @property
-    def row(self) -> str:
-        """The case, the choices and the swept settings in words."""
-        return ", ".join(
-            f"{name}={value}" if "." in name else str(value) for name, value in self.choices.items()
-        )
 
     def load(self) -> Scenario:
         """Return the scenario to simulate."""
@@ -78,6 +70,7 @@ def expand(
     settings: Settings = (),
     sweeps: Mapping[str, tuple[str, ...]] | None = None,
     files: Sequence[Path] = (),
+    only: Iterable[str] = (),
 ) -> list[Job]:
     """Return the runs of a study, in the order of the frame.
 
@@ -93,31 +86,40 @@ def expand(
         sweeps: Values in TOML by key; they replace those of the study.
         files: Walks with each of which a case with a recorded walk is run; for cases without a
             scenario, files of their program. By default those of the study.
+        only: Labels `AXIS=NAME`, the first axis is `case`; of each named axis only these are run.
     """
-    check_known(study.program, PROGRAMS, "program: no", ConfigError)
     seeds = seeds or range(study.first_seed, study.first_seed + study.seeds)
     files = files or _files(study)
     swept = {key: tuple(map(to_value, values)) for key, values in study.sweep.items()}
     swept |= sweeps or {}
-    jobs: list[Job] = []
+    rows = []
     for case in study.cases:
-        axes = [
-            [(axis, name) for name in case.only.get(axis, tuple(choices))]
-            for axis, choices in study.grid.items()
-        ]
-        for choice, values in product(product(*axes), product(*swept.values())):
-            changes = tuple(f"{key}={value}" for key, value in zip(swept, values, strict=True))
-            labels: dict[str, Label] = {"case": case.name}
+        axes = [case.only.get(axis, tuple(choices)) for axis, choices in study.grid.items()]
+        for choice in product(*axes, *swept.values()):
+            values = dict(zip((*study.grid, *swept), choice, strict=True))
+            labels = {"case": case.name}
             labels |= {name: case.labels.get(name, "") for name in study.label_names}
-            labels |= dict(choice)
-            labels |= {key: _scalar(value) for key, value in zip(swept, values, strict=True)}
-            chosen = (study.grid[axis][name] for axis, name in choice)
-            base = tuple(study.all_of(study.settings, *chosen, case.settings))
-            fill = _filling(case, base, (*changes, *settings))
-            uses_seed = case.vary or any("$seed" in setting for setting in base)
-            for group in [(seed,) for seed in seeds] if uses_seed else [seeds]:
-                full = (*fill(group[0]), *changes, *settings)
-                jobs += _jobs(study, labels, case, full, group, files)
+            rows.append((case, values, labels | values))
+    code = version(PROGRAMS[study.program])
+    jobs: list[Job] = []
+    for case, values, labels in _chosen(rows, only):
+        chosen = (study.grid[axis][values[axis]] for axis in study.grid)
+        base = tuple(study.all_of(study.settings, *chosen, case.settings))
+        overrides = (*(f"{key}={values[key]}" for key in swept), *settings)
+        place = _place(case, base, overrides)
+        words = (f"{key}={value}" if key in swept else value for key, value in values.items())
+        row = ", ".join((case.name, *words))
+        columns = {key: _scalar(text) if key in swept else text for key, text in labels.items()}
+        uses_seed = case.vary or any("$seed" in setting for setting in base)
+        for group in [[seed] for seed in seeds] if uses_seed else [seeds]:
+            full = (*_filled(case, base, place, group[0]), *overrides)
+            for file, walked, content in _variants(case.scenario, full, files):
+                for seed in group:
+                    parts = json.dumps((study.program, content, seed, code))
+                    key = hashlib.sha256(parts.encode()).hexdigest()[:16]
+                    options = walked if case.scenario is None else (*walked, f"seed={seed}")
+                    part = (study.program, columns, row, seed, file, case.scenario)
+                    jobs.append(Job(*part, options, key, code))
     if files and not any(job.file for job in jobs):
         raise ConfigError(
             f"{files[0].parent}: no case of the study walks a recorded path: "
@@ -126,24 +128,22 @@ def expand(
     return jobs
 
 
-def _jobs(
-    study: Study,
-    labels: Mapping[str, Label],
-    case: Case,
-    settings: Settings,
-    seeds: Sequence[int],
-    files: Sequence[Path],
-) -> Iterator[Job]:
-    """Yield a job for each file and seed."""
-    program = study.program
-    code = version(PROGRAMS[program].__module__)
-    choices = {name: value for name, value in labels.items() if name not in case.labels}
-    for file, changed, content in _variants(case.scenario, settings, files):
-        for seed in seeds:
-            parts = json.dumps((program, content, seed, code))
-            key = hashlib.sha256(parts.encode()).hexdigest()[:16]
-            full = changed if case.scenario is None else (*changed, f"seed={seed}")
-            yield Job(program, labels, choices, seed, file, case.scenario, full, key, code)
+Row = tuple[Case, dict[str, str], dict[str, str]]
+"""A case, the values of the grid and the sweep by axis, and these with the labels of the case."""
+
+
+def _chosen(rows: Sequence[Row], only: Iterable[str]) -> Iterable[Row]:
+    """Return the rows with labels as in `--only AXIS=NAME`."""
+    kept: dict[str, list[str]] = {}
+    for option in only:
+        axis, _, name = option.partition("=")
+        if axis not in rows[0][2]:
+            axes = ", ".join(rows[0][2])
+            raise ConfigError(f"--only {option}: no such axis; allowed: {axes}")
+        known = dict.fromkeys(labels[axis] for *_, labels in rows)
+        check_known(name, known, f"--only {axis}: unknown", ConfigError)
+        kept.setdefault(axis, []).append(name)
+    return [row for row in rows if all(row[2][axis] in names for axis, names in kept.items())]
 
 
 def _variants(
@@ -165,8 +165,7 @@ def _variants(
         return
     for walk in files:
         walked = (*settings, f"target.path.file={to_value(str(walk.resolve()))}")
-        loaded = load_scenario(scenario, parse_settings(walked))
-        path = loaded.target.path
+        path = load_scenario(scenario, parse_settings(walked)).target.path
         assert isinstance(path, Recorded)
         try:
             end_s = make_path(path).duration
@@ -178,31 +177,28 @@ def _variants(
         yield walk, walked, fingerprint(load_scenario(scenario, parse_settings(walked)))
 
 
-def _filling(case: Case, settings: Settings, overrides: Settings) -> Callable[[int], Settings]:
-    """Return a function that returns settings with the values of a seed."""
-    if not any("$" in setting for setting in settings):
-        return lambda _: settings
-    values: dict[str, object] = dict(case.values)
-    if case.scenario is not None:
-        plain = [setting for setting in settings if "$" not in setting]
-        loaded = load_scenario(case.scenario, parse_settings((*plain, *overrides)))
-        standoff = loaded.follower.standoff
-        x, y, _ = standoff.goal(Pose2D())
-        bearing_deg, yaw_deg = math.degrees(standoff.bearing), math.degrees(standoff.heading)
-        values |= {"bearing_deg": bearing_deg, "x_m": x, "y_m": y, "yaw_deg": yaw_deg}
+def _place(case: Case, settings: Settings, overrides: Settings) -> dict[str, float]:
+    """Return the follower's place beside a person at the origin, if the settings use values."""
+    if case.scenario is None or not any("$" in setting for setting in settings):
+        return {}
+    plain = [setting for setting in settings if "$" not in setting]
+    loaded = load_scenario(case.scenario, parse_settings((*plain, *overrides)))
+    standoff = loaded.follower.standoff
+    x, y, _ = standoff.goal(Pose2D())
+    bearing_deg, yaw_deg = math.degrees(standoff.bearing), math.degrees(standoff.heading)
+    return {"bearing_deg": bearing_deg, "x_m": x, "y_m": y, "yaw_deg": yaw_deg}
 
-    def fill(seed: int) -> Settings:
-        chance = random.Random(f"{case.name} {seed}")  # noqa: S311
-        drawn = {name: chance.uniform(*limits) for name, limits in case.vary.items()}
-        drawn["seed"] = seed
-        try:
-            return tuple(Template(setting).substitute(values | drawn) for setting in settings)
-        except (KeyError, ValueError) as error:
-            known = ", ".join((*values, *case.vary))
-            where = f"case {case.name!r}: set"
-            raise ConfigError(f"{where}: no value {error}; known: {known}") from None
 
-    return fill
+def _filled(case: Case, settings: Settings, place: Mapping[str, float], seed: int) -> list[str]:
+    """Return settings with the values of a seed."""
+    chance = random.Random(f"{case.name} {seed}")  # noqa: S311
+    values = {**case.values, **place, "seed": seed}
+    values |= {name: chance.uniform(*limits) for name, limits in case.vary.items()}
+    try:
+        return [Template(setting).substitute(values) for setting in settings]
+    except (KeyError, ValueError) as error:
+        where = f"case {case.name!r}: set"
+        raise ConfigError(f"{where}: no value {error}; known: {', '.join(values)}") from None
 
 
 def _files(study: Study) -> list[Path]:
@@ -213,6 +209,9 @@ def _files(study: Study) -> list[Path]:
 
 
 def _scalar(value: str) -> Label:
-    with suppress(ValueError):
-        return cast(Label, json.loads(value))
-    return value
+    """Return a swept value as a number, or true or false, if it is one."""
+    try:
+        scalar: Label = json.loads(value)
+    except ValueError:
+        return value
+    return scalar

@@ -6,15 +6,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import cycle
 from pathlib import Path
-from statistics import fmean
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib import figure, style
 from matplotlib.axes import Axes
 from matplotlib.ticker import MultipleLocator
-from mecazen.errors import ConfigError
 from mecazen_tools.drawing import (
     BLUE,
     COLUMN_IN,
@@ -26,7 +24,7 @@ from mecazen_tools.drawing import (
     save,
 )
 from mecazen_tools.observe import observe
-from mecazen_tools.statistics import Interval, mean_interval
+from mecazen_tools.statistics import mean_interval
 from mecazen_tools.table import Floats, Table, deviations
 
 from mecazen_experiments.expansion import Job
@@ -34,11 +32,11 @@ from mecazen_experiments.frame import select
 from mecazen_experiments.gait.motion import MEASURED
 from mecazen_experiments.mocap import Capture, capture
 from mecazen_experiments.runs import Workers, do_all
-from mecazen_experiments.study import Study, StudyFigure, check_known
+from mecazen_experiments.study import Study, StudyFigure
+from mecazen_experiments.tables import unit_means
 
-T = TypeVar("T")
-Do = Callable[[Callable[[Job], T]], list[tuple[Job, T]]]
-"""Does some work for the first run of each row of a figure, in the order of the frame."""
+FirstRuns = Sequence[tuple[Job, Any]]
+"""The first run of each row of a figure, in the order of the frame, with what its kind needs."""
 
 FORMATS = "png", "svg"
 ARROW_EVERY_S = 6.0
@@ -65,43 +63,36 @@ def draw(
     by_key = {job.key: job for job in jobs}
     for spec in study.figures:
         chosen = select(frame, spec.where, f"figure {spec.name!r}: where")
-        first = {by_key[key].row: by_key[key] for key in reversed(chosen["key"].tolist())}
-        ordered = [first[row] for row in reversed(first)]
-
-        def do(work: Callable[[Job], T], todo: Sequence[Job] = ordered) -> list[tuple[Job, T]]:
-            results = {job.key: result for job, result in do_all(work, todo, workers)}
-            return [(job, results[job.key]) for job in todo]
-
+        first: dict[str, Job] = {}
+        for key in chosen["key"]:
+            first.setdefault(by_key[key].row, by_key[key])
+        todo = [*first.values()]
+        draw_kind, work = KINDS[spec.kind]
+        results = {job.key: result for job, result in do_all(work, todo, workers)} if work else {}
         with style.context(STYLE):
-            drawn = KINDS[spec.kind](spec, chosen, do)
+            drawn = draw_kind(spec, chosen, [(job, results.get(job.key)) for job in todo])
         for suffix in FORMATS:
             file = folder / f"{spec.name}.{suffix}"
             save(drawn, file)
             yield file
 
 
-def check(study: Study) -> None:
-    """Check the kinds of a study's figures.
-
-    Raises:
-        ConfigError: One line with the figure and the known kinds.
-    """
-    for spec in study.figures:
-        check_known(spec.kind, KINDS, f"figure {spec.name!r}: kind: no", ConfigError)
-
-
-def points(spec: StudyFigure, frame: pd.DataFrame, do: Do[Any]) -> figure.Figure:
+def points(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Figure:
     """Draw means with 95 % intervals at each x: a panel for each y, a colour for each `by`."""
-    del do
-    size = COLUMN_IN * max(1.0, 0.7 * len(spec.panels)), 0.7 * COLUMN_IN
+    del runs
+    size = COLUMN_IN * max(1.0, 0.7 * len(spec.y)), 0.7 * COLUMN_IN
     drawn = figure.Figure(figsize=size, layout="constrained")
-    x_label, *y_labels = spec.labels or (spec.x, *spec.panels)
-    grid = drawn.subplots(1, len(spec.panels), squeeze=False)
-    for axes, name, label in zip(grid.flat, spec.panels, y_labels, strict=True):
+    x_label, *y_labels = spec.labels or (spec.x, *spec.y)
+    grid = drawn.subplots(1, len(spec.y), squeeze=False)
+    for axes, name, label in zip(grid.flat, spec.y, y_labels, strict=True):
         axes.set(xlabel=x_label, ylabel=label)
-        groups = frame.groupby(spec.by, sort=False) if spec.by else [(None, frame)]
+        known = frame.dropna(subset=[name])
+        groups = known.groupby(spec.by, sort=False) if spec.by else [(None, known)]
         for (word, group), colour in zip(groups, cycle(PALETTE), strict=False):
-            at = _intervals(group, spec, name)
+            at = {
+                x: mean_interval([*unit_means(rows, spec.unit, name).values()])
+                for x, rows in group.groupby(spec.x, sort=False)
+            }
             means = [interval.mean for interval in at.values()]
             bars = [
                 [interval.mean - interval.ends[0] for interval in at.values()],
@@ -115,20 +106,9 @@ def points(spec: StudyFigure, frame: pd.DataFrame, do: Do[Any]) -> figure.Figure
     return drawn
 
 
-def _intervals(frame: pd.DataFrame, spec: StudyFigure, name: str) -> dict[Any, Interval]:
-    """Return the interval of a column over independent units, by x."""
-    intervals = {}
-    units = [spec.unit] if isinstance(spec.unit, str) else list(spec.unit)
-    for x, group in frame.dropna(subset=[name]).groupby(spec.x, sort=False):
-        means = [fmean(unit[name]) for _, unit in group.groupby(units)]
-        intervals[x] = mean_interval(means)
-    return intervals
-
-
-def paths(spec: StudyFigure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
+def paths(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Figure:
     """Draw the paths of person and robot in world, one panel for the first run of each row."""
-    del frame
-    runs = do(tabulate)
+    del spec, frame
     drawn = figure.Figure(
         figsize=(COLUMN_IN, 0.36 * COLUMN_IN * len(runs) / 2), layout="constrained"
     )
@@ -141,10 +121,9 @@ def paths(spec: StudyFigure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figur
     return drawn
 
 
-def errors(spec: StudyFigure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figure:
+def errors(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Figure:
     """Draw the errors of distance and angle over time: a row for each x, a line for each `by`."""
     del frame
-    runs = do(tabulate)
     groups = list(dict.fromkeys(str(job.labels[spec.x]) for job, _ in runs))
     size = COLUMN_IN, 0.4 * COLUMN_IN * len(groups)
     drawn = figure.Figure(figsize=size, layout="constrained")
@@ -164,13 +143,12 @@ def errors(spec: StudyFigure, frame: pd.DataFrame, do: Do[Table]) -> figure.Figu
     return drawn
 
 
-def cycles(spec: StudyFigure, frame: pd.DataFrame, do: Do[Capture]) -> figure.Figure:
+def cycles(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Figure:
     """Draw angles over the gait cycle, a column for the first run of each row.
 
     Lines are means over the strides of both legs; the band of `raw` is one standard deviation.
     """
     del spec, frame
-    runs = do(captured)
     drawn = figure.Figure(figsize=(2.0 * COLUMN_IN, COLUMN_IN), layout="constrained")
     grid = drawn.subplots(len(MEASURED), len(runs), sharex=True, sharey="row", squeeze=False)
     for column, (job, walk) in zip(grid.T, runs, strict=True):
@@ -183,7 +161,7 @@ def cycles(spec: StudyFigure, frame: pd.DataFrame, do: Do[Capture]) -> figure.Fi
                 if name == "raw":
                     band = mean - deviation, mean + deviation
                     axes.fill_between(PERCENT, *band, color=ORANGE, alpha=0.25, linewidth=0.0)
-        column[0].set(title=", ".join(map(str, job.choices.values())), xlim=(0.0, 100.0))
+        column[0].set(title=", ".join(map(str, job.labels.values())), xlim=(0.0, 100.0))
         column[-1].set_xlabel("gait cycle [%]")
     for label, axes in zip(MEASURED, grid[:, 0], strict=True):
         axes.set_ylabel(f"{label} [°]")
@@ -236,10 +214,16 @@ def _legend(drawn: figure.Figure) -> None:
     drawn.legend(handles, labels, loc="outside upper center", ncols=len(labels))
 
 
-KINDS: dict[str, Callable[[StudyFigure, pd.DataFrame, Do[Any]], figure.Figure]] = {
-    "cycles": cycles,
-    "points": points,
-    "paths": paths,
-    "errors": errors,
+KINDS: dict[
+    str,
+    tuple[
+        Callable[[StudyFigure, pd.DataFrame, FirstRuns], figure.Figure],
+        Callable[[Job], Any] | None,
+    ],
+] = {
+    "cycles": (cycles, captured),
+    "points": (points, None),
+    "paths": (paths, tabulate),
+    "errors": (errors, tabulate),
 }
-"""The kinds of figures by their names in studies."""
+"""How each kind of figure is drawn, and what it needs of the first run of each row."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -49,25 +48,25 @@ def read(study: Study, text: str) -> pd.DataFrame:
     Raises:
         ConfigError: The CSV is not of the study, or a column can't be derived.
     """
-    head, *rows = csv.reader(io.StringIO(text))
     axes = [*study.label_names, *study.grid]
+    head, *rows = csv.reader(io.StringIO(text))
     texts = {*LABELS, *axes}
-    columns: dict[str, list[Any]] = {
-        name: list(values) if name in texts else _numbers(values)
-        for name, values in zip(head, zip(*rows, strict=True), strict=True)
-    }
+    frame = pd.DataFrame(
+        {
+            name: list(values) if name in texts else _numbers(values)
+            for name, values in zip(head, zip(*rows, strict=True), strict=True)
+        }
+    )
     for name in ("case", "walk", "seed", "key", *axes):
-        check_known(name, columns, "no column", ConfigError)
-    pairs = zip(columns["walk"], columns["seed"], strict=True)
-    columns["draw"] = [walk or str(seed) for walk, seed in pairs]
+        check_known(name, frame.columns, "no column", ConfigError)
+    frame["draw"] = frame["walk"].where(frame["walk"] != "", frame["seed"].astype(str))
     cases = {case.name: case for case in study.cases}
-    for name in dict.fromkeys(columns["case"]):
+    for name in frame["case"].unique():
         check_known(name, cases, "no case", ConfigError)
     for prefix, key in (("published", "published"), ("limit", "limits")):
         for score in dict.fromkeys(name for case in study.cases for name in getattr(case, key)):
-            values = [getattr(cases[name], key).get(score, math.nan) for name in columns["case"]]
-            columns[f"{prefix}_{score}"] = values
-    frame = pd.DataFrame(columns)
+            values = {name: getattr(case, key).get(score) for name, case in cases.items()}
+            frame[f"{prefix}_{score}"] = frame["case"].map(values).astype(float)
     for name, expression in study.derive.items():
         frame[name] = evaluate(frame, expression, f"derive.{name}")
     return frame
@@ -100,12 +99,13 @@ def select(frame: pd.DataFrame, query: str, where: str) -> pd.DataFrame:
 
 
 def _numbers(values: Sequence[str]) -> list[Any]:
-    """Return the numbers of a column, NaN for an empty cell; or its texts if one is no number."""
-    try:
-        return [int(value) for value in values]
-    except ValueError:
-        pass
-    try:
-        return [float(value or "nan") for value in values]
-    except ValueError:
-        return list(values)
+    """Return the numbers of a column, NaN for an empty cell; or its texts if one is no number.
+
+    pandas itself rounds the last digit in some versions.
+    """
+    for kind in (int, lambda value: float(value or "nan")):
+        try:
+            return [kind(value) for value in values]
+        except ValueError:
+            pass
+    return list(values)

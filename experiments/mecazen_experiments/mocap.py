@@ -125,7 +125,7 @@ def quality(walk: Capture, standoff: Standoff) -> Columns:
         columns[f"{joint}_seen_percent"] = 100.0 * fmean(shares[f"{s}_{joint}"] for s in SIDES)
     following = score(walk.table, standoff)
     for name in ("d_err_m", "theta_err_deg", "odometry_drift_percent"):
-        columns[name] = getattr(following, name)
+        columns[name] = following[name]
     return columns
 
 

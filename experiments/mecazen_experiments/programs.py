@@ -6,24 +6,16 @@ false, or None where there is nothing to measure. Each run returns the same colu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
-
-from mecazen_experiments import fuzz, limit, mocap, safety, scores
-from mecazen_experiments.followbench import program as benchmark
-
-if TYPE_CHECKING:
-    from mecazen_experiments.expansion import Job
-
 Value = bool | int | float | str | None
 
-PROGRAMS: dict[str, Callable[[Job], Mapping[str, Value]]] = {
-    "followbench": benchmark.followbench,
-    "followbench_rules": benchmark.followbench_rules,
-    "following": scores.following,
-    "fuzz": fuzz.fuzz,
-    "mocap": mocap.mocap,
-    "safety": safety.safety,
-    "walkers": limit.walkers,
+PACKAGE = __name__.rpartition(".")[0]
+PROGRAMS = {
+    "followbench": f"{PACKAGE}.followbench.program",
+    "followbench_rules": f"{PACKAGE}.followbench.program",
+    "following": f"{PACKAGE}.scores",
+    "fuzz": f"{PACKAGE}.fuzz",
+    "mocap": f"{PACKAGE}.mocap",
+    "safety": f"{PACKAGE}.safety",
+    "walkers": f"{PACKAGE}.limit",
 }
-"""The programs by their names in studies."""
+"""Modules of the programs, by the names of their functions, which are those in studies."""

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import logging
-import os
 import re
-import signal
 import sqlite3
-import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager, suppress
-from multiprocessing import resource_tracker
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import msgspec
-from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 from mecazen.errors import ConfigError, MecazenError
+from mecazen_tools.pool import CORES, processes
 
 from mecazen_experiments.expansion import Job
 from mecazen_experiments.programs import PROGRAMS, Value
@@ -29,8 +26,6 @@ from mecazen_experiments.versions import version
 T = TypeVar("T")
 Columns = Mapping[str, Value]
 """The columns of a run, from its program."""
-Outcomes = Generator[tuple[Job, T | MecazenError], None, None]
-"""Jobs with their results or errors, in the order of completion; closing it ends the work."""
 Progress = Callable[[int, int], None]
 """Function that is called with the number of finished runs, and of all runs."""
 
@@ -53,10 +48,11 @@ class RunsFailedError(MecazenError):
 class Workers(NamedTuple):
     """Processes that do jobs."""
 
-    at_once: int
-    """The number of jobs that may be running when a worker dies."""
-    do_once: Callable[[Callable[[Job], Any], Sequence[Job]], Outcomes[Any]]
-    """Yields outcomes; jobs that were unfinished when a worker died have no outcome."""
+    number: int
+    start: Callable[[int], AbstractContextManager[Executor]] | None
+    """Returns an executor for a number of jobs; None for this process."""
+    death: type[Exception] = BrokenProcessPool
+    """The error of a job whose worker died."""
 
 
 class Store:
@@ -138,10 +134,11 @@ def run(job: Job) -> Columns:
     """Simulate and measure a job."""
     # reference cycles hold the last run's DART world, of many megabytes
     gc.collect()
-    program = PROGRAMS[job.program]
-    if job.version != version(program.__module__):
+    module = PROGRAMS[job.program]
+    if job.version != version(module):
         raise MecazenError("this worker has other versions of mecazen or of its libraries")
-    return program(job)
+    columns: Columns = getattr(importlib.import_module(module), job.program)(job)
+    return columns
 
 
 def do_all(
@@ -153,11 +150,11 @@ def do_all(
     after all others, one at a time, so that the failing job can be identified.
     """
     failures: list[tuple[Job, MecazenError]] = []
-    batches = deque([list(jobs)])
+    batches = deque([list(jobs)] if jobs else [])
     tries: Counter[str] = Counter()
     while batches:
         waiting = {job.key: job for job in batches.popleft()}
-        with closing(workers.do_once(work, [*waiting.values()])) as outcomes:
+        with closing(_outcomes(work, [*waiting.values()], workers)) as outcomes:
             for job, outcome in outcomes:
                 del waiting[job.key]
                 if isinstance(outcome, MecazenError):
@@ -165,7 +162,7 @@ def do_all(
                 else:
                     yield job, outcome
         left = [*waiting.values()]
-        begun, idle = left[: workers.at_once], left[workers.at_once :]
+        begun, idle = left[: workers.number], left[workers.number :]
         tries.update(job.key for job in begun)
         if idle:
             batches.appendleft(idle)
@@ -176,36 +173,35 @@ def do_all(
         raise RunsFailedError(failures)
 
 
-def local_workers(count: int = -1) -> Workers:
-    """Return processes of this machine with one BLAS thread each; with a count of 1, this process.
+def _outcomes(
+    work: Callable[[Job], T], jobs: Sequence[Job], workers: Workers
+) -> Generator[tuple[Job, T | MecazenError], None, None]:
+    """Yield jobs with results or errors, but for jobs that were unfinished when a worker died."""
+    if workers.start is None:
+        yield from ((job, _attempt(work, job)) for job in jobs)
+        return
+    with workers.start(len(jobs)) as pool:
+        futures = {}
+        with suppress(workers.death):
+            for job in jobs:
+                futures[pool.submit(_attempt, work, job)] = job
+        for future in as_completed(futures):
+            with suppress(workers.death):
+                yield futures[future], future.result()
 
-    A count of -1 means one for each core. joblib keeps the processes for the next jobs.
-    """
 
-    def do_once(work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
-        # a warning about jobs that Ctrl-C left unfinished; the caller reports them in one line
-        warnings.filterwarnings(
-            "ignore", r"\d+ tasks which were still being processed", UserWarning
-        )
-        outcomes: Outcomes[T] | None = None
-        try:
-            with parallel_config(backend="loky", inner_max_num_threads=1), _as_workers():
-                # jobs beyond the workers' queue would make loky's thread fail after Ctrl-C
-                parallel = Parallel(
-                    count,
-                    return_as="generator_unordered",
-                    batch_size=1,
-                    pre_dispatch="2 * n_jobs",
-                )
-                outcomes = parallel(delayed(_attempt)(work, job) for job in tuple(jobs))
-            # joblib may also end without this error
-            with suppress(BrokenProcessPool):
-                yield from outcomes
-        finally:
-            if outcomes is not None:
-                outcomes.close()
+def _attempt(work: Callable[[Job], T], job: Job) -> T | MecazenError:
+    """Return the result of a job, or its error without its class, which may not be picklable."""
+    try:
+        return work(job)
+    except MecazenError as error:
+        return MecazenError(str(error))
 
-    return Workers(effective_n_jobs(count), do_once)
+
+def local_workers(count: int | None = None) -> Workers:
+    """Return processes of this machine, by default one for each core; of one, this process."""
+    count = count or CORES
+    return Workers(count, None if count == 1 else lambda jobs: processes(min(count, jobs)))
 
 
 @contextmanager
@@ -213,11 +209,10 @@ def cluster_workers(address: str) -> Iterator[Workers]:
     """Yield the workers of a Dask scheduler; they need the same code and the same files.
 
     If a worker dies, the scheduler passes its job to another worker, and gives the job up after
-    `allowed-failures`. joblib's backend for Dask waits forever for such a job: its collector never
-    calls back for a failed one. So jobs go to Dask's client directly.
+    `allowed-failures`.
     """
     try:
-        from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415  # an extra
+        from distributed import Client, KilledWorker  # noqa: PLC0415  # an extra
     except ModuleNotFoundError:
         raise ConfigError("--cluster needs Dask: pip install 'mecazen[cluster]'") from None
     # checked here: with a wrong address Dask's client hangs at the end of the process
@@ -231,52 +226,19 @@ def cluster_workers(address: str) -> Iterator[Workers]:
     except OSError:
         raise MecazenError(f"--cluster {address}: no Dask scheduler answers there") from None
 
-    def do_once(work: Callable[[Job], T], jobs: Sequence[Job]) -> Outcomes[T]:
-        futures = [client.submit(_attempt, work, job, pure=False) for job in jobs]
+    @contextmanager
+    def start(_: int) -> Iterator[Executor]:
+        pool = client.get_executor(pure=False)
         try:
-            for future in as_completed(futures, loop=client.loop):  # type: ignore[no-untyped-call]
-                try:
-                    yield future.result()
-                except KilledWorker:
-                    continue
-                except CancelledError:
-                    raise MecazenError(f"{address}: the Dask scheduler has gone") from None
+            yield pool
+        except CancelledError:
+            raise MecazenError(f"{address}: the Dask scheduler has gone") from None
         finally:
-            client.cancel(futures)
+            pool.shutdown(wait=False)
 
     with closing(client):
         if not (count := len(client.ncores())):
             raise MecazenError(
                 f"--cluster {address}: it has no workers; start some: dask worker {address}"
             )
-        yield Workers(count, do_once)
-
-
-def _attempt(work: Callable[[Job], T], job: Job) -> tuple[Job, T | MecazenError]:
-    """Run a job; a `MecazenError` is an outcome too."""
-    try:
-        return job, work(job)
-    except MecazenError as error:
-        # not the error itself: its class may not be picklable
-        return job, MecazenError(str(error))
-
-
-@contextmanager
-def _as_workers() -> Iterator[None]:
-    """Start processes that this process ends, and whose end this process reports.
-
-    The processes ignore Ctrl-C, which a terminal sends to all processes. joblib's cleanup process
-    would print a warning.
-    """
-    warned = os.environ.get("PYTHONWARNINGS")
-    os.environ["PYTHONWARNINGS"] = "ignore:resource_tracker:UserWarning"
-    # Python's own cleanup process starts with the first worker, and its start unblocks Ctrl-C
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        del os.environ["PYTHONWARNINGS"]
-        if warned is not None:
-            os.environ["PYTHONWARNINGS"] = warned
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        yield Workers(count, start, KilledWorker)

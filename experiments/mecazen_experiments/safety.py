@@ -52,7 +52,7 @@ def measure(run: Watched, scenario: Scenario) -> dict[str, float | str | None]:
     any person below 1 s, `view_percent` the share of the camera's frames that show the person,
     `regain_s` the longest time without such a frame, and `frozen_s` the time in which the robot
     stands 0.5 m or more from its goal while the person walks. D_err, Θ_err and jerk are those of
-    `scores.Score`.
+    `scores.score`.
     """
     robot, step_s = scenario.robot, float(np.mean(np.diff(run.t)))
     person, *pedestrians = (
@@ -76,10 +76,10 @@ def measure(run: Watched, scenario: Scenario) -> dict[str, float | str | None]:
         "conflict_s": float(np.sum(_in_conflict(run, gaps, step_s))) * step_s,
         "view_percent": 100.0 * float(np.mean(shown[moving])) if moving.any() else 0.0,
         "regain_s": _longest_gap(times[moving], shown[moving]),
-        "d_err_m": following.d_err_m,
-        "theta_err_deg": following.theta_err_deg,
+        "d_err_m": following["d_err_m"],
+        "theta_err_deg": following["theta_err_deg"],
         "frozen_s": _frozen(run, scenario, begin),
-        "jerk_rms_m_s3": following.jerk_rms_m_s3,
+        "jerk_rms_m_s3": following["jerk_rms_m_s3"],
         "time_s": float(run.table["t_s"][-1]),
     }
 

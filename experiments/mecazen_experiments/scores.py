@@ -7,7 +7,6 @@ from collections.abc import Callable
 from statistics import fmean
 from typing import TYPE_CHECKING, SupportsFloat
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, Standoff
@@ -27,69 +26,8 @@ MIN_PATH_M = 0.1
 """Minimum length of a path for which drift is computed."""
 
 
-class Score(msgspec.Struct, frozen=True):
-    """The measures of a run; None if there is nothing to measure.
-
-    "The paper" is A Virtual Mecanum Wheeled Robot ROS Simulator for Multi-view and
-    Self-Following Motion Capture.
-    """
-
-    d_err_m: float | None = None
-    """Mean of |D - D0|; D is the distance from robot to person: the paper's eq. 5 and 7.
-
-    The next three scores are its root mean square, 95th percentile and maximum.
-    """
-    d_rms_m: float | None = None
-    d_p95_m: float | None = None
-    d_max_m: float | None = None
-    theta_err_deg: float | None = None
-    """Mean of |Θ - Θ0|; Θ is the robot's heading minus the person's: the paper's eq. 6 and 8.
-
-    Θ is signed, and Θ - Θ0 is wrapped: facing the wrong side counts as an error.
-    """
-    theta_rms_deg: float | None = None
-    theta_p95_deg: float | None = None
-    theta_max_deg: float | None = None
-    theta_walking_deg: float | None = None
-    """Θ_err while the person walks at `WALKING_M_S` or faster; the next is of all other time."""
-    theta_hardly_walking_deg: float | None = None
-    bearing_err_deg: float | None = None
-    """Mean error of the direction from person to robot, in the person's frame."""
-    goal_err_m: float | None = None
-    """Mean distance from the robot to its goal beside the true person."""
-    min_distance_m: float | None = None
-    """Smallest distance from robot to person."""
-    acceleration_rms_m_s2: float | None = None
-    """Root mean square of the robot's planar acceleration in world, from tick to tick."""
-    jerk_rms_m_s3: float | None = None
-    """Root mean square of the robot's planar jerk."""
-    command_variation_m_s2: float | None = None
-    """Total variation of the commanded planar velocity, per second."""
-    yaw_command_variation_rad_s2: float | None = None
-    """Total variation of the commanded yaw rate, per second."""
-    estimate_position_err_m: float | None = None
-    """Mean distance from the estimated to the true person.
-
-    The estimate is in odom, which drifts. The truth, also for the next two errors, is the person's
-    pose relative to the true robot, transformed to odom with the robot's odometry.
-    """
-    estimate_yaw_err_deg: float | None = None
-    """Mean error of the person's estimated heading."""
-    estimate_speed_err_m_s: float | None = None
-    """Mean error of the person's estimated planar speed."""
-    nees: float | None = None
-    """Mean normalised estimation error squared of x, y and yaw: 3 if the covariance is right."""
-    nees_p95: float | None = None
-    """95th percentile of the NEES: 7.8 if the covariance is right and the errors are normal."""
-    coasting_s: float | None = None
-    """Time in which the person was out of sight and predicted."""
-    lost_s: float | None = None
-    """Time in which the person was lost."""
-    odometry_drift_percent: float | None = None
-    """Error of the odometry's displacement at the end, relative to the length of the true path.
-
-    Both displacements are in the frame of their start. None for a path below 0.1 m.
-    """
+Measures = dict[str, float | None]
+"""Measures of a run by their names in docs/experiments.md; None if there is nothing to measure."""
 
 
 def following(job: Job) -> dict[str, float | str | None]:
@@ -99,23 +37,56 @@ def following(job: Job) -> dict[str, float | str | None]:
     standoff = scenario.follower.standoff
     settled = score(observed.table, standoff, SETTLING_S)
     return {
-        **msgspec.structs.asdict(score(observed.table, standoff)),
-        "settled_d_err_m": settled.d_err_m,
-        "settled_theta_err_deg": settled.theta_err_deg,
+        **score(observed.table, standoff),
+        "settled_d_err_m": settled["d_err_m"],
+        "settled_theta_err_deg": settled["theta_err_deg"],
         "trajectory": observed.trajectory_sha256[:16],
     }
 
 
-def score(table: Table, standoff: Standoff, after_s: float = 0.0) -> Score:
+def score(table: Table, standoff: Standoff, after_s: float = 0.0) -> Measures:
     """Return the measures of a run in which the robot had to keep `standoff`.
 
     They begin a time after the first motion of the person. All are None if there is no person, or
-    if the person never moves.
+    if the person never moves. Estimates are in odom, which drifts. Their truth is the person's pose
+    relative to the true robot, transformed to odom with the robot's odometry.
     """
-    begin = first_motion(table)
-    if begin is None:
-        return Score()
-    return _score(table.where(slice(begin + round(after_s / table.tick_s), None)), standoff)
+    first = first_motion(table)
+    begin = len(table) if first is None else first + round(after_s / table.tick_s)
+    table = table.where(slice(begin, None))
+    robot, person = table.poses("robot"), table.poses("target")
+    goal = person.compose(standoff.goal(Pose2D()))
+    distance, bearing, yaw = map(abs, deviations(table, standoff))
+    acceleration = np.diff(_velocity(table, "robot") * np.exp(1j * robot.yaw)) / table.tick_s
+    estimated = table.where(~np.isnan(table["estimate_x_m"] + table["odom_x_m"]))
+    error, covariances = _estimate_errors(estimated)
+    speed = abs(_velocity(estimated, "estimate")) - abs(_velocity(estimated, "target"))
+    consistency = nees(np.stack(error, axis=-1), covariances)
+    commanded = table.where(~np.isnan(table["cmd_vx_m_s"]))
+    walking = abs(_velocity(table, "target")) >= WALKING_M_S
+    return {
+        **{f"d_{name}_m": _of(measure, distance) for name, measure in MEASURES.items()},
+        **{
+            f"theta_{name}_deg": _of(measure, np.degrees(yaw)) for name, measure in MEASURES.items()
+        },
+        "theta_walking_deg": _of(np.mean, np.degrees(yaw[walking])),
+        "theta_hardly_walking_deg": _of(np.mean, np.degrees(yaw[~walking])),
+        "bearing_err_deg": _of(np.mean, np.degrees(bearing)),
+        "goal_err_m": _of(np.mean, np.hypot(robot.x - goal.x, robot.y - goal.y)),
+        "min_distance_m": _of(np.min, np.hypot(robot.x - person.x, robot.y - person.y)),
+        "acceleration_rms_m_s2": _of(_rms, abs(acceleration)),
+        "jerk_rms_m_s3": _of(_rms, abs(np.diff(acceleration)) / table.tick_s),
+        "command_variation_m_s2": _variation(commanded, _velocity(commanded, "cmd")),
+        "yaw_command_variation_rad_s2": _variation(commanded, commanded["cmd_yaw_rate_rad_s"]),
+        "estimate_position_err_m": _of(np.mean, np.hypot(error.x, error.y)),
+        "estimate_yaw_err_deg": _of(np.mean, np.degrees(abs(error.yaw))),
+        "estimate_speed_err_m_s": _of(np.mean, abs(speed)),
+        "nees": _of(np.mean, consistency),
+        "nees_p95": _of(_p95, consistency),
+        "coasting_s": _time(table, TrackingState.COASTING),
+        "lost_s": _time(table, TrackingState.LOST),
+        "odometry_drift_percent": _drift(table.where(~np.isnan(table["odom_x_m"]))),
+    }
 
 
 def nees(errors: Floats, covariances: Floats) -> Floats:
@@ -129,42 +100,6 @@ def nees(errors: Floats, covariances: Floats) -> Floats:
     variances[variances[:, 0] <= 0.0] = np.nan
     along = np.einsum("nij,ni->nj", axes, errors)
     return np.asarray((along**2 / variances).sum(axis=1))
-
-
-def _score(table: Table, standoff: Standoff) -> Score:
-    robot, person = table.poses("robot"), table.poses("target")
-    goal = person.compose(standoff.goal(Pose2D()))
-    distance, bearing, yaw = map(abs, deviations(table, standoff))
-    acceleration = np.diff(_velocity(table, "robot") * np.exp(1j * robot.yaw)) / table.tick_s
-    estimated = table.where(~np.isnan(table["estimate_x_m"] + table["odom_x_m"]))
-    error, covariances = _estimate_errors(estimated)
-    speed = abs(_velocity(estimated, "estimate")) - abs(_velocity(estimated, "target"))
-    consistency = nees(np.stack(error, axis=-1), covariances)
-    commanded = table.where(~np.isnan(table["cmd_vx_m_s"]))
-    walking = abs(_velocity(table, "target")) >= WALKING_M_S
-    return Score(
-        **{f"d_{name}_m": _of(measure, distance) for name, measure in MEASURES.items()},
-        **{
-            f"theta_{name}_deg": _of(measure, np.degrees(yaw)) for name, measure in MEASURES.items()
-        },
-        theta_walking_deg=_of(np.mean, np.degrees(yaw[walking])),
-        theta_hardly_walking_deg=_of(np.mean, np.degrees(yaw[~walking])),
-        bearing_err_deg=_of(np.mean, np.degrees(bearing)),
-        goal_err_m=_of(np.mean, np.hypot(robot.x - goal.x, robot.y - goal.y)),
-        min_distance_m=_of(np.min, np.hypot(robot.x - person.x, robot.y - person.y)),
-        acceleration_rms_m_s2=_of(_rms, abs(acceleration)),
-        jerk_rms_m_s3=_of(_rms, abs(np.diff(acceleration)) / table.tick_s),
-        command_variation_m_s2=_variation(commanded, _velocity(commanded, "cmd")),
-        yaw_command_variation_rad_s2=_variation(commanded, commanded["cmd_yaw_rate_rad_s"]),
-        estimate_position_err_m=_of(np.mean, np.hypot(error.x, error.y)),
-        estimate_yaw_err_deg=_of(np.mean, np.degrees(abs(error.yaw))),
-        estimate_speed_err_m_s=_of(np.mean, abs(speed)),
-        nees=_of(np.mean, consistency),
-        nees_p95=_of(_p95, consistency),
-        coasting_s=_time(table, TrackingState.COASTING),
-        lost_s=_time(table, TrackingState.LOST),
-        odometry_drift_percent=_drift(table.where(~np.isnan(table["odom_x_m"]))),
-    )
 
 
 def _velocity(table: Table, who: str) -> npt.NDArray[np.complex128]:
@@ -198,6 +133,10 @@ def _time(table: Table, state: TrackingState) -> float | None:
 
 
 def _drift(table: Table) -> float | None:
+    """Return the error of the odometry's displacement, relative to the true path [%].
+
+    Both displacements are in the frame of their start. None for a path below `MIN_PATH_M`.
+    """
     robot, odom = table.poses("robot"), table.poses("odom")
     path = float(np.hypot(np.diff(robot.x), np.diff(robot.y)).sum())
     if path < MIN_PATH_M:

@@ -1,13 +1,13 @@
-"""Confidence intervals of shares of successes, of ratios and of statistics over sessions."""
+"""Confidence intervals of shares of successes, of rates and of statistics over sessions."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
-from mecazen_tools.statistics import Interval, Key, mean_interval
+from mecazen_tools.statistics import Interval, mean_interval
 from scipy.stats import binomtest, chi2
 
 T = TypeVar("T")
@@ -49,9 +49,3 @@ def most_per_hour(events: float, hours: float) -> float:
     without events.
     """
     return float(chi2.ppf(0.95, 2.0 * (events + 1.0))) / 2.0 / hours
-
-
-def paired_ratio(a: Mapping[Key, float], b: Mapping[Key, float]) -> Interval | None:
-    """Return the mean of b / a over the keys that both have; None without such keys."""
-    keys = sorted(a.keys() & b.keys())
-    return mean_interval([b[key] / a[key] for key in keys]) if keys else None

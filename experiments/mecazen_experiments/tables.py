@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import product
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pandas as pd
 from mecazen.errors import ConfigError
-from mecazen_tools.statistics import (
-    LEAST_UNITS,
-    Interval,
-    mean_interval,
-    paired_difference,
-    show,
-)
+from mecazen_tools.statistics import LEAST_UNITS, Interval, mean_interval, show
 from rich.table import Table as RichTable
 from rich.text import Text
 
 from mecazen_experiments.frame import select
-from mecazen_experiments.statistics import most_per_hour, paired_ratio, share_interval
+from mecazen_experiments.statistics import most_per_hour, share_interval
 from mecazen_experiments.study import Column, Label, Study, StudyTable, check_known
 
-PAIRED = {"difference": paired_difference, "ratio": paired_ratio}
-"""Ways to compare a row with the reference row, unit by unit."""
 REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
     "sum": math.fsum,
     "min": min,
@@ -61,31 +53,40 @@ def make_table(frame: pd.DataFrame, table: StudyTable) -> TextTable:
     Raises:
         ConfigError: One line with the table, and the name or the query that is wrong.
     """
-    where = f"table {table.title!r}"
-    rows, words = [], [*product(*table.each.values())]
-    for values, group in _groups(select(frame, table.where, f"{where}: where"), table.rows):
-        units = group.groupby(table.units, sort=False, dropna=False)
-        count = f"{len(units)}" if len(units) == len(group) else f"{len(units)} ({len(group)} runs)"
+    selected = select(frame, table.where, f"table {table.title!r}: where")
+    rows = []
+    for values, group in _groups(selected, table.rows):
+        units = group.groupby(list(table.unit), sort=False, dropna=False).ngroups
+        count = f"{units}" if units == len(group) else f"{units} ({len(group)} runs)"
         reference = _reference(frame, table, values)
-        for word in words:
+        for word in product(*table.each.values()):
             cells = []
-            for column in table.shown:
+            for column in table.columns:
                 name = column.name.format_map(dict(zip(table.each, word, strict=True)))
-                runs = _by_unit(group, table.units, name)
-                if column.how in PAIRED:
-                    base = {} if reference is None else _by_unit(reference, table.units, name)
-                    cells.append(_paired(column, name, group, runs, base))
+                if column.how in ("difference", "ratio"):
+                    cells.append(_paired(column, name, group, reference, table.unit))
                 else:
-                    cells.append(_cell(column, name, group, runs, len(units)))
+                    cells.append(_cell(column, name, group, table.unit, units))
             rows.append((*word, *map(_label, values), count, *cells))
-    head = (*table.each, *table.rows, "n", *(column.header for column in table.shown))
-    hows = {column.how for column in table.shown}
+    head = (*table.each, *table.rows, "n", *(column.header for column in table.columns))
     notes = [table.note] if table.note else []
-    if hows & {"mean", "share", *PAIRED}:
+    if {column.how for column in table.columns} & {"mean", "share", "difference", "ratio"}:
         notes.append(CAPTION)
     if any(cell.endswith(("✓", "✗")) for row in rows for cell in row):
         notes.append(VERDICT)
     return TextTable(table.title, head, rows, " ".join(notes))
+
+
+def unit_means(
+    frame: pd.DataFrame, unit: Sequence[str], name: str
+) -> dict[tuple[Label, ...], float]:
+    """Return the mean of a column by independent unit, without missing values."""
+    values: dict[tuple[Label, ...], list[float]] = {}
+    keys = zip(*(frame[part].tolist() for part in unit), strict=True)
+    for key, value in zip(keys, frame[name].tolist(), strict=True):
+        if not math.isnan(value):
+            values.setdefault(key, []).append(value)
+    return {key: fmean(numbers) for key, numbers in values.items()}
 
 
 def check(study: Study, frame: pd.DataFrame) -> None:
@@ -100,7 +101,7 @@ def check(study: Study, frame: pd.DataFrame) -> None:
     for figure in study.figures:
         where = f"figure {figure.name!r}"
         select(frame, figure.where, f"{where}: where")
-        for key, names in (("x", [figure.x]), ("y", figure.panels), ("by", [figure.by])):
+        for key, names in (("x", [figure.x]), ("y", figure.y), ("by", [figure.by])):
             for name in filter(None, names):
                 check_known(name, known, f"{where}: {key}: no column", ConfigError)
     scores = [name for name in known if not name.startswith(("limit_", "published_"))]
@@ -113,10 +114,10 @@ def check(study: Study, frame: pd.DataFrame) -> None:
 def _check_table(table: StudyTable, frame: pd.DataFrame) -> None:
     where, known = f"table {table.title!r}", [*frame.columns]
     select(frame, table.where, f"{where}: where")
-    for key, names in (("rows", table.rows), ("unit", table.units)):
+    for key, names in (("rows", table.rows), ("unit", table.unit)):
         for name in names:
             check_known(name, known, f"{where}: {key}: no column", ConfigError)
-    for column, word in product(table.shown, product(*table.each.values())):
+    for column, word in product(table.columns, product(*table.each.values())):
         try:
             name = column.name.format_map(dict(zip(table.each, word, strict=True)))
         except (KeyError, ValueError):
@@ -133,9 +134,8 @@ def _check_table(table: StudyTable, frame: pd.DataFrame) -> None:
 
 def markdown(table: TextTable) -> str:
     """Return a table in Markdown, with its title and its note before it."""
-    above = " ".join(
-        part for part in (f"**{table.title}.**" * bool(table.title), table.note) if part
-    )
+    title = f"**{table.title}.**" if table.title else ""
+    above = " ".join(filter(None, (title, table.note)))
     lines = [table.head, ["---"] * len(table.head), *table.rows]
     cells = ((cell.replace("|", "\\|") for cell in line) for line in lines)
     body = "".join(
@@ -165,75 +165,55 @@ def _groups(
     return groups
 
 
-def _reference(
-    frame: pd.DataFrame, table: StudyTable, values: Sequence[Label]
-) -> pd.DataFrame | None:
-    """Return the runs of the row to compare with; None for that row itself."""
-    labels = dict(zip(table.rows, values, strict=True))
-    wanted = labels | table.reference
-    if wanted == labels:
-        return None
-    for name, value in wanted.items():
+def _reference(frame: pd.DataFrame, table: StudyTable, values: Sequence[Label]) -> pd.DataFrame:
+    """Return the runs of the row to compare with; none for that row itself."""
+    labels: dict[str, Label] = dict(zip(table.rows, values, strict=True))
+    if labels == labels | table.reference:
+        return frame[:0]
+    for name, value in (labels | table.reference).items():
         frame = frame[frame[name] == value]
     return frame
 
 
-def _by_unit(frame: pd.DataFrame, units: Sequence[str], name: str) -> dict[str, list[Any]]:
-    """Return the values of a column by independent unit, without missing ones."""
-    values: dict[str, list[Any]] = {}
-    keys = zip(*(frame[unit] for unit in units), strict=True)
-    for key, value in zip(keys, frame[name].tolist(), strict=True):
-        if isinstance(value, str) or not math.isnan(value):
-            values.setdefault(" / ".join(map(_label, key)), []).append(value)
-    return values
-
-
-def _cell(
-    column: Column, name: str, group: pd.DataFrame, runs: Mapping[str, list[Any]], units: int
-) -> str:
-    every = [value for values in runs.values() for value in values]
-    if not every:
+def _cell(column: Column, name: str, group: pd.DataFrame, unit: Sequence[str], units: int) -> str:
+    values, digits = group[name].dropna().tolist(), column.digits
+    if not values:
         return "-"
-    digits = column.digits
     match column.how:
         case "value":
-            return ", ".join(
-                value if isinstance(value, str) else f"{value:.{digits}f}"
-                for value in dict.fromkeys(every)
-            )
+            shown = (value if isinstance(value, str) else f"{value:.{digits}f}" for value in values)
+            return ", ".join(dict.fromkeys(shown))
         case "sum" | "min" | "max":
-            return f"{REDUCTIONS[column.how](every):.{digits}f}"
+            return f"{REDUCTIONS[column.how](values):.{digits}f}"
         case "most_per_hour":
             hours = math.fsum(group["time_s"]) / 3600.0
-            return f"{most_per_hour(math.fsum(every), hours):.{digits}f}"
-        case "share":
-            shares = [fmean(values) for values in runs.values()]
-            interval = (
-                share_interval([share == 1.0 for share in shares])
-                if {*shares} <= {0.0, 1.0}
-                else mean_interval([100.0 * share for share in shares])
-            )
-        case _:
-            interval = mean_interval([fmean(values) for values in runs.values()])
+            return f"{most_per_hour(math.fsum(values), hours):.{digits}f}"
+    means = [*unit_means(group, unit, name).values()]
+    if column.how == "mean":
+        interval = mean_interval(means)
+    elif {*means} <= {0.0, 1.0}:
+        interval = share_interval([mean == 1.0 for mean in means])
+    else:
+        interval = mean_interval([100.0 * mean for mean in means])
     missing = f" n = {interval.n}" if interval.n < units else ""
     return show(interval, digits) + missing + _limit(interval, name, group)
 
 
 def _paired(
-    column: Column,
-    name: str,
-    group: pd.DataFrame,
-    runs: Mapping[str, list[Any]],
-    base: Mapping[str, list[Any]],
+    column: Column, name: str, group: pd.DataFrame, reference: pd.DataFrame, unit: Sequence[str]
 ) -> str:
-    """Return the comparison of a row with its reference; empty for the reference itself."""
-    before, after = ({unit: fmean(v) for unit, v in side.items()} for side in (base, runs))
-    if before.keys().isdisjoint(after):
+    """Return the comparison with a reference, unit by unit; empty for the reference itself.
+
+    What a unit does to both, such as the noise of its seed, cancels.
+    """
+    before, after = (unit_means(runs, unit, name) for runs in (reference, group))
+    pairs = [(before[key], after[key]) for key in after if key in before]
+    if not pairs:
         return ""
-    interval = PAIRED[column.how](before, after)
-    assert interval is not None
-    limit = _limit(interval, f"{name}_ratio", group) if column.how == "ratio" else ""
-    return show(interval, column.digits) + limit
+    if column.how == "difference":
+        return show(mean_interval([b - a for a, b in pairs]), column.digits)
+    interval = mean_interval([b / a for a, b in pairs])
+    return show(interval, column.digits) + _limit(interval, f"{name}_ratio", group)
 
 
 def _limit(interval: Interval, name: str, group: pd.DataFrame) -> str:

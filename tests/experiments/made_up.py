@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 from mecazen.geometry import Pose2D, Standoff
-from mecazen_experiments.scores import score
 from mecazen_tools.table import Poses, Table
 from mecazen_tools.trajectory import COLUMNS, COVARIANCE, POSE, TWIST
 
@@ -40,10 +39,6 @@ def beside(person, distance, bearing_deg, heading_deg):
     return person.compose(
         Standoff(distance, math.radians(bearing_deg), math.radians(heading_deg)).goal(Pose2D())
     )
-
-
-def whole(table, standoff=BACK):
-    return score(table, standoff)
 
 
 def covariances(matrix):

@@ -184,7 +184,7 @@ WRONG = [
     (("run", "study.toml", "--only", "case=x"), "--only case: unknown 'x'; allowed: short"),
     (("run", "study.toml", "--only", "view=x"), "--only view=x: no such axis; allowed: case"),
     (("run", "study.toml", "--films", "short.toml"), "--films short.toml: "),
-    (("run", "study.toml", "--figures", "new"), "--figures: study.toml has no [[figure]]"),
+    (("run", "study.toml", "--figures", "new"), "--figures: the study has no [[figure]]"),
 ]
 
 

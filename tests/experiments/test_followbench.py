@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.geometry import Pose2D
+from mecazen.loading import named_file
 from mecazen_experiments.expansion import expand
 from mecazen_experiments.followbench.episodes import SAMPLE, Box, Walk, episode_lengths, read
 from mecazen_experiments.followbench.people import Grid, People, orca
@@ -28,7 +29,7 @@ from mecazen_experiments.followbench.robot import (
     scan,
     touches,
 )
-from mecazen_experiments.study import load_study, matching, study_path
+from mecazen_experiments.study import load_study, matching
 
 OPEN = read(SAMPLE / "dynamic" / "NormalParallelOrcaH5W0_back_2.yaml")
 CORRIDOR_FILE = SAMPLE / "layout" / "CorridorOrcaH4W5.6_back_1.yaml"
@@ -426,15 +427,15 @@ def test_the_planner_of_the_documents_follows_the_target(tmp_path):
 
 def jobs(name, *settings, seeds=(1,), file="uTurn_back_1"):
     """Return the jobs of a study for an episode."""
-    study = load_study(study_path(name))
+    study = load_study(name)
     files = sorted(SAMPLE.rglob(f"{file}.yaml"))
     return expand(study, seeds, tuple(settings), files=files)
 
 
 def test_a_study_elsewhere_has_the_episodes_of_the_package(tmp_path):
     copy = tmp_path / "mine.toml"
-    copy.write_bytes(study_path("followbench_rules").read_bytes())
-    assert matching(load_study(copy).files) == sorted(SAMPLE.rglob("*.yaml"))
+    copy.write_bytes(named_file("followbench_rules", "experiment").read_bytes())
+    assert matching(load_study(str(copy)).files) == sorted(SAMPLE.rglob("*.yaml"))
 
 
 @pytest.mark.parametrize(

@@ -4,43 +4,29 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from contextlib import closing, nullcontext
+from contextlib import closing
 
 import pytest
 from harness import error_of
 from mecazen.errors import ConfigError, MecazenError
-from mecazen_experiments import versions
+from mecazen_experiments import runs, versions
 from mecazen_experiments.expansion import Job
-from mecazen_experiments.runs import RunsFailedError, Store, Workers, do_all, run_all
+from mecazen_experiments.runs import RunsFailedError, Store, local_workers, run_all
 
 
-def obedient(done, fails=None):
-    """Do what is asked, except a seed that can't be done; note the seeds."""
+@pytest.fixture
+def done(monkeypatch):
+    """Seeds of the jobs that are run in place of simulations; the seed 9 can't be."""
+    seeds = []
 
-    def do_once(_, jobs):
-        for job in reversed(jobs):
-            if job.seed == fails:
-                yield job, MecazenError("out of the world")
-                continue
-            done.append(job.seed)
-            yield job, {"x": job.seed / 3.0, "y": None}
+    def run(job):
+        if job.seed == 9:
+            raise MecazenError("out of the world")
+        seeds.append(job.seed)
+        return {"x": job.seed / 3.0, "y": None}
 
-    return Workers(1, do_once)
-
-
-def mortal(batches, lethal, lives):
-    """Two workers that both end where they meet a lethal seed, `lives` times; note the batches."""
-
-    def do_once(work, jobs):
-        nonlocal lives
-        batches.append([job.seed for job in jobs])
-        for number, job in enumerate(tuple(jobs)):
-            if lethal in [near.seed for near in jobs[number : number + 2]] and lives:
-                lives -= 1
-                return
-            yield job, work(job)
-
-    return Workers(2, do_once)
+    monkeypatch.setattr(runs, "run", run)
+    return seeds
 
 
 @pytest.fixture
@@ -51,55 +37,35 @@ def store(tmp_path):
 
 def jobs(*seeds):
     labels = {"case": "row"}
-    return [Job("p", labels, labels, seed, None, None, (), f"key {seed}", "") for seed in seeds]
+    return [Job("p", labels, "row", seed, None, None, (), f"key {seed}", "") for seed in seeds]
 
 
-def test_what_is_stored_or_shared_by_two_rows_is_done_once(store):
-    done, reported, checked = [], [], []
-    run_all([*jobs(1), *jobs(1, 2)], store, obedient(done))
+def test_what_is_stored_or_shared_by_two_rows_is_done_once(store, done):
+    reported, checked = [], []
+    run_all([*jobs(1), *jobs(1, 2)], store, local_workers(1))
     report, check = (lambda *n: reported.append(n)), lambda job, _: checked.append(job.seed)
-    results = run_all(jobs(1, 2, 3), store, obedient(done), report, check)
-    assert done == [2, 1, 3]
+    results = run_all(jobs(1, 2, 3), store, local_workers(1), report, check)
+    assert done == [1, 2, 3]
     assert reported == [(2, 3), (3, 3)]
     assert checked == [1]  # the first result only
     assert results == {f"key {n}": {"x": n / 3.0, "y": None} for n in (1, 2, 3)}
 
 
-def test_names_are_checked_after_the_first_run(store):
+def test_names_are_checked_after_the_first_run(store, done):
     def refuse(*_):
         raise ConfigError("no column")
 
-    done = []
     with pytest.raises(ConfigError, match="no column"):
-        run_all(jobs(1, 2, 3), store, obedient(done), check=refuse)
-    assert done == [3]
-    assert store.find(["key 3"]).keys() == {"key 3"}
+        run_all(jobs(1, 2, 3), store, local_workers(1), check=refuse)
+    assert done == [1]
+    assert store.find(["key 1"]).keys() == {"key 1"}
 
 
+@pytest.mark.usefixtures("done")
 def test_a_run_that_fails_is_named_and_all_others_are_kept(store):
-    with pytest.raises(RunsFailedError, match=r"^row, seed 2: out of the world$"):
-        run_all(jobs(1, 2, 3), store, obedient([], fails=2))
-    assert store.find(f"key {n}" for n in (1, 2, 3)).keys() == {"key 1", "key 3"}
-
-
-@pytest.mark.parametrize(
-    ("lives", "batches"),
-    [
-        (1, [[1, 2, 3, 4], [3, 4], [1], [2]]),
-        (9, [[1, 2, 3, 4], [3, 4], [1], [2], [2]]),
-    ],
-    ids=["once", "always"],
-)
-def test_jobs_of_a_dead_worker_are_tried_again_alone(lives, batches):
-    tried, done = [], []
-    workers = mortal(tried, lethal=2, lives=lives)
-    dead = r"^row, seed 2: its worker died, each time it was tried$"
-    expected = nullcontext() if lives == 1 else pytest.raises(RunsFailedError, match=dead)
-    with expected:
-        for _, seed in do_all(lambda job: job.seed, jobs(1, 2, 3, 4), workers):
-            done.append(seed)  # some are done before the error
-    assert tried == batches
-    assert sorted(done) == ([1, 2, 3, 4] if lives == 1 else [1, 3, 4])
+    with pytest.raises(RunsFailedError, match=r"^row, seed 9: out of the world$"):
+        run_all(jobs(1, 9, 3), store, local_workers(1))
+    assert store.find(f"key {n}" for n in (1, 9, 3)).keys() == {"key 1", "key 3"}
 
 
 def test_a_result_that_is_not_finite_is_missing_and_the_first_stays(store):

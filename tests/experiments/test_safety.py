@@ -17,10 +17,8 @@ from mecazen_experiments import frame
 from mecazen_experiments.expansion import Job, expand
 from mecazen_experiments.fuzz import Options, Rider, freeze, fuzz, room
 from mecazen_experiments.safety import gap_to_obstacle, gap_to_person, measure
-from mecazen_experiments.sampler import DIRECTIONS, SPEEDS_M_S, TURNS_RAD_S, twists
-from mecazen_experiments.study import chosen, load_study, study_path
+from mecazen_experiments.study import load_study
 from mecazen_experiments.tables import make_tables
-from mecazen_follower.planner.mppi import STEPS
 from mecazen_tools.observe import PersonOverTime, Watched, collect
 from mecazen_tools.simulation import Simulation
 from mecazen_tools.table import Poses
@@ -152,30 +150,21 @@ def test_three_frames_of_four_show_the_person():
     ],
 )
 def test_each_row_can_be_loaded_and_shown(name, only, rows):
-    study = chosen(load_study(study_path(name)), only)
-    jobs = expand(study, [1])
+    study = load_study(name)
+    jobs = expand(study, [1], only=only)
     assert len(jobs) == rows
-    names = {name for table in study.tables for _, name, *_ in table.columns} - {*study.derive}
+    names = {column.name for table in study.tables for column in table.columns} - {*study.derive}
     scores = measured(STANDS, COMES) | dict.fromkeys(names, 1.0)
     text = frame.to_csv(jobs, {job.key: scores for job in jobs})
     for table in make_tables(study, frame.read(study, text)):
         assert all(cell != "" for row in table.rows for cell in row)
 
 
-def test_each_twist_of_the_sampler_lasts_for_the_horizon():
-    commands = twists()
-    assert commands.shape == (STEPS, 3, len(SPEEDS_M_S) * DIRECTIONS * len(TURNS_RAD_S))
-    assert (commands == commands[0]).all()
-    x, y, turn = commands[0]
-    assert np.unique(np.hypot(x, y).round(4)) == pytest.approx(SPEEDS_M_S)
-    assert np.unique(turn) == pytest.approx(TURNS_RAD_S)
-
-
 # --- by chance -----------------------------------------------------------------------------------
 
 
 def minute(seed, *settings):
-    return fuzz(Job("fuzz", {}, {}, seed, None, None, settings, "", ""))
+    return fuzz(Job("fuzz", {}, "", seed, None, None, settings, "", ""))
 
 
 @pytest.mark.parametrize("world", ["", "programs={}"], ids=["plane", "rollers"])

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from mecazen_experiments.statistics import jackknife, most_per_hour, paired_ratio, share_interval
+from mecazen_experiments.statistics import jackknife, most_per_hour, share_interval
 from mecazen_tools.statistics import Interval, mean_interval, paired_difference
 
 
@@ -17,11 +17,9 @@ def test_equal_values_have_no_width(n):
     assert mean_interval([0.1] * n) == Interval(mean=0.1, low=0.1, high=0.1, n=n)
 
 
-def test_no_value_and_no_common_seed_are_errors():
+def test_no_value_is_an_error():
     with pytest.raises(ValueError, match="no values"):
         mean_interval([])
-    with pytest.raises(ValueError, match="no values"):
-        paired_difference({1: 1.0}, {2: 1.0})
 
 
 def test_an_interval_is_that_of_student():
@@ -89,42 +87,7 @@ def test_the_limit_of_a_rate_is_that_of_the_published_table(events, most):
     assert most_per_hour(events, 4.0) == pytest.approx(most / 4.0, abs=5e-4)
 
 
-def test_a_difference_is_taken_seed_by_seed_where_both_have_it_in_any_order():
+def test_a_difference_is_taken_seed_by_seed_where_both_have_it():
     before = {1: 1.0, 2: 5.0, 3: 100.0}
     after = {2: 5.5, 1: 1.5, 4: -100.0}
     assert paired_difference(before, after) == Interval(mean=0.5, low=0.5, high=0.5, n=2)
-    before, after = dict(enumerate(normal(1))), dict(enumerate(normal(2)))
-    backwards = dict(reversed(after.items()))
-    assert paired_difference(before, after) == paired_difference(before, backwards)
-
-
-def test_pairing_narrows_the_interval_of_what_a_seed_does_to_both():
-    common = np.array(normal(1))
-    before = common + normal(2, mean=0.0, deviation=0.1)
-    after = common + normal(3, mean=0.5, deviation=0.1)
-    paired = paired_difference(dict(enumerate(before)), dict(enumerate(after)))
-    shuffled = np.random.default_rng(4).permutation(after)
-    unpaired = paired_difference(dict(enumerate(before)), dict(enumerate(shuffled)))
-    assert paired.low < 0.5 < paired.high
-    # their deviations are 0.1 sqrt(2) and sqrt(2): a tenth, and twice that for so few values
-    assert paired.high - paired.low < 0.2 * (unpaired.high - unpaired.low)
-
-
-def test_a_ratio_is_the_mean_of_the_ratios_of_pairs():
-    assert paired_ratio({1: 2.0, 2: 4.0}, {1: 3.0, 2: 6.0, 3: 9.0}) == Interval(1.5, 1.5, 1.5, 2)
-    assert paired_ratio({1: 2.0}, {1: 3.0}) == Interval(1.5, 1.5, 1.5, 1)
-    assert paired_ratio({1: 2.0}, {2: 3.0}) is None
-
-
-def test_the_interval_of_a_ratio_holds_it_and_is_narrow_where_pairs_are_alike():
-    common = np.array(normal(1, mean=5.0))
-    before, after = (
-        dict(enumerate(common)),
-        dict(enumerate(2.0 * common + normal(2, deviation=0.1))),
-    )
-    ratio = paired_ratio(before, after)
-    # 2 + 2 / x; the mean of 1 / x is 1 / 5 but for 1 / 5^2, and the sample's own mean
-    assert ratio.low < ratio.mean < ratio.high
-    assert ratio.mean == pytest.approx(2.4, rel=0.1)
-    # its deviation is about that of 2 / x: 2 * 1 / 5^2 = 0.08, twice 2.05 of it over sqrt(30)
-    assert ratio.high - ratio.low < 2.0 * 0.06

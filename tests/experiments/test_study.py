@@ -7,7 +7,7 @@ from harness import error_of
 from mecazen.errors import ConfigError
 from mecazen_experiments import frame, tables
 from mecazen_experiments.expansion import expand
-from mecazen_experiments.study import chosen, load_study
+from mecazen_experiments.study import load_study
 
 STUDY = """
 seeds = 2
@@ -47,14 +47,14 @@ columns = [["D_err [m]", "d_err_m", 3], ["less", "d_err_m", 3, "ratio"]]
 [[figure]]
 name = "errors"
 x = "follower.standoff_m"
-y = "d_err_m"
+y = ["d_err_m"]
 """
 
 
 def load(tmp_path: Path, text: str = STUDY):
     file = tmp_path / "study.toml"
     file.write_text(text)
-    return load_study(file)
+    return load_study(str(file))
 
 
 def test_each_case_runs_with_each_choice_value_and_seed(tmp_path):
@@ -81,11 +81,24 @@ def test_each_case_runs_with_each_choice_value_and_seed(tmp_path):
 
 
 def test_options_replace_what_the_study_has(tmp_path):
-    study = chosen(load(tmp_path), ["case=slow", "view=left"])
-    jobs = expand(study, [7], ("sim.duration_s=1.0",), {"sensor.rate_hz": ("10",)})
+    jobs = expand(
+        load(tmp_path),
+        *([7], ("sim.duration_s=1.0",), {"sensor.rate_hz": ("10",)}),
+        only=["case=slow", "view=left"],
+    )
     assert str(jobs[0]) == ("slow, left, follower.standoff_m=1.0, sensor.rate_hz=10, seed 7")
     assert jobs[0].load().sim.duration_s == 1.0
     assert {job.seed for job in jobs} == {7}
+
+
+def test_a_study_has_the_keys_of_the_study_that_it_extends(tmp_path):
+    load(tmp_path)
+    file = tmp_path / "mine.toml"
+    file.write_text('extends = "study.toml"\nseeds = 1\n[grid.view]\nleft = []')
+    study = load_study(str(file))
+    assert [case.name for case in study.cases] == ["slow", "drawn"]
+    assert study.seeds == 1
+    assert list(study.grid["view"]) == ["left"]
 
 
 WRONG = [
@@ -98,7 +111,7 @@ WRONG = [
     ('name = "drawn"', 'name = "slow"', "cases: two are named 'slow'"),
     ("[grid.view]", "[grid.seed]", "an axis can't be named 'seed'"),
     ("[1.0, 1.5]", "[[1.0], 1.5]", "sweep: got {'follower.standoff_m': [[1.0], 1.5]}; allowed:"),
-    ('3, "ratio"]', '3, "raito"]', "table 'Errors': column ['less', 'd_err_m', 3, 'raito']: must"),
+    ('3, "ratio"]', '3, "raito"]', "table.0.columns.1.how: got 'raito'; allowed: 'diff"),
     ("reference = { view", "reference = { gait", "reference: gait is not one of rows"),
     ('reference = { view = "back" }', "", "table 'Errors': 'ratio' needs a reference"),
     ("seeds = 2", 'seeds = 2\nprogram = "folowing"', "program: no 'folowing'; did you mean follow"),
@@ -118,7 +131,7 @@ AFTER_A_RUN = [
     ('"d_err_m", 3]', '"d_er_m", 3]', "table 'Errors': columns: no column 'd_er_m'; did you mean"),
     ('rows = ["case"', 'rows = ["cases"', "table 'Errors': rows: no column 'cases'; did you mean"),
     ("d_err_m = 0.5", "d_errr_m = 0.5", "case 'slow': limits: no score 'd_errr_m'; did you mean"),
-    ('y = "d_err_m"', 'y = "d_err"', "figure 'errors': y: no column 'd_err'; did you mean"),
+    ('y = ["d_err_m"]', 'y = ["d_err"]', "figure 'errors': y: no column 'd_err'; did you mean"),
     ("[[table]]", "[[table]]\nwhere = 'vie == 1'", "where = 'vie == 1': no column 'vie'; did you"),
     ("[[table]]", "[[table]]\nwhere = 'd_err_m +'", "where = 'd_err_m +': invalid syntax"),
     ("[[table]]", "[[table]]\nwhere = 'd_err_m'", "where = 'd_err_m': must be true or false"),

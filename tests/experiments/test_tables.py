@@ -27,7 +27,7 @@ double = "2 * x"
 def study(tmp_path: Path, *tables: str) -> Study:
     file = tmp_path / "study.toml"
     file.write_text(STUDY + "".join(f"[[table]]\n{table}\n" for table in tables))
-    return load_study(file)
+    return load_study(str(file))
 
 
 def runs(rows):
@@ -36,7 +36,7 @@ def runs(rows):
     for number, (case, view, walk, seed, columns) in enumerate(rows):
         file = Path(walk) if walk else None
         labels = {"case": case, "view": view}
-        jobs.append(Job("p", labels, labels, seed, file, None, (), f"{number:04}", ""))
+        jobs.append(Job("p", labels, case, seed, file, None, (), f"{number:04}", ""))
         results[f"{number:04}"] = columns
     return frame.to_csv(jobs, results)
 
@@ -59,7 +59,7 @@ def test_a_csv_is_read_back_to_the_same_tables(tmp_path):
 
 
 def test_a_unit_is_averaged_before_its_interval(tmp_path):
-    spec = study(tmp_path, 'rows = ["case"]\nunit = "walk"\ncolumns = [["x [m]", "x", 1]]')
+    spec = study(tmp_path, 'rows = ["case"]\nunit = ["walk"]\ncolumns = [["x [m]", "x", 1]]')
     rows = [("b", "back", "u", 1, {"x": 0.0}), ("b", "back", "u", 2, {"x": 2.0})]
     rows += [("b", "back", "v", 1, {"x": 3.0})]
     (table,) = make_tables(spec, frame.read(spec, runs(rows)))

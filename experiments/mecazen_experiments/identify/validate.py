@@ -9,16 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import repeat
 
 import msgspec
 import numpy as np
-from joblib import Parallel, delayed, parallel_config
 from mecazen.config import PhysicsConfig
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.robot import RealMotors, Robot
 from mecazen.wheels import WheelCommand
 from mecazen_physics.simulation import Simulation
+from mecazen_tools.pool import CORES, processes
 from mecazen_tools.statistics import Interval
 
 from mecazen_experiments.identify.data import Array, Run
@@ -136,8 +137,8 @@ def validate(robot: Robot, runs: Sequence[Run]) -> tuple[Identification, Robot, 
         paths[kinematics.model.name] = [
             odometry(run, kinematics.coefficients(run.group)) for run in held_out
         ]
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        driven = Parallel(n_jobs=-1)(delayed(simulated)(changed, run) for run in held_out)
+    with processes(min(CORES, len(held_out))) as pool:
+        driven = list(pool.map(simulated, repeat(changed), held_out))
     paths["full physics"] = [
         mounted(poses, result.geometry.mounting(run.group))
         for run, poses in zip(held_out, driven, strict=True)
