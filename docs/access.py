@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from mecazen import keys
-from mecazen.bus.session import OPERATOR
+from mecazen.bus.session import OPERATOR, ROUTER_ENTRIES
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, SERVICES, services
 from mecazen.row import Row
@@ -104,12 +104,12 @@ def _queries() -> tuple[list[keys.Call[Any, Any]], list[keys.Call[Any, Any]]]:
 def _rules() -> Iterator[tuple[Any, dict[str, Any]]]:
     """Yield each rule with its subject."""
     reads, rules = _queries()
-    everything = ["**", protocol.tokens(), LATCHED]
+    everything = ["**", protocol.tokens(), LATCHED, ROUTER_ENTRIES]
     hears = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     sent = ["put", "delete", "query", "reply", "declare_queryable", "liveliness_token", *hears]
     yield ANYONE, _rule("anyone subscribes to everything", hears, everything)
     yield ANYONE, _rule("anyone is sent everything", sent, everything, flow="egress")
-    asked = [*_call_keys(reads), f"**/{EVERY}", LATCHED]
+    asked = [*_call_keys(reads), f"**/{EVERY}", LATCHED, ROUTER_ENTRIES]
     yield ANYONE, _rule("anyone asks what changes nothing", ["query"], asked)
     relays = ["put", "query", "reply", "declare_queryable", "liveliness_token"]
     yield ROUTER, _rule("the router relays what it has let in", relays, everything)

@@ -8,11 +8,18 @@ from types import SimpleNamespace
 import pytest
 from harness import SCENARIOS
 from mecazen import messages as m
+from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.wire import encode
 from mecazen_tools.cli import up
 from mecazen_tools.cli.status import Diagnostics
-from mecazen_tools.cli.up import hints, interrupt_on_signals, overview
+from mecazen_tools.cli.up import (
+    hints,
+    interrupt_on_signals,
+    overview,
+    refuse_needed,
+    settings_without,
+)
 from mecazen_tools.forking import STOPPING
 
 
@@ -117,3 +124,16 @@ def test_the_overview_gives_the_true_error_and_the_reason_of_a_loss(report):
     report("target", true_distance_error_m=0.5)
     text = report("follower", tracking="lost", reason="hidden by a [wall]", distance_error_m=0.01)
     assert text.endswith("lost: hidden by a \\[wall], +0.500 m off (true)")
+
+
+def test_a_service_is_left_out_unless_the_sensors_need_it():
+    loaded = load_scenario(SCENARIOS / "back.toml", {"processes": [["physics", "follower"]]})
+    settings = parse_settings(settings_without(loaded, ["follower"]))
+    left = load_scenario(SCENARIOS / "back.toml", settings)
+    assert left.services == ("physics", "controller", "target")
+    assert left.processes == (("physics",),)
+    assert settings_without(loaded, []) == []
+    with pytest.raises(ConfigError, match="--without folower: no such service; services: physics"):
+        settings_without(loaded, ["folower"])
+    with pytest.raises(ConfigError, match=r"--without follower: sensor.kind = 'pose' needs it"):
+        refuse_needed(loaded, ["follower"])

@@ -29,6 +29,9 @@ Nothing = Callable[[Stamp], None]
 DRAINED_AT_MOST = 1000
 """Maximum number of deliveries in one `drain`; more wait only during a flood."""
 
+UNNAMED = "unnamed"
+"""Stands for programs whose samples do not name their Zenoh session."""
+
 logger = logging.getLogger(__name__)
 
 
@@ -111,6 +114,9 @@ class Bus(ABC):
         """The unknown field that was ignored last, by key."""
         self.lost: Counter[str] = Counter()
         """Number of samples that newer ones replaced before delivery, by key."""
+        self.senders: dict[str, set[str]] = {}
+        """Programs that have published samples without a stamp, by open key: their Zenoh ids, and
+        `UNNAMED` for all whose samples have none. Readers remove what they have reported."""
         self.presence = Presence()
         self._logged: dict[str, float] = {}
         """Time of the last line about a key [s]."""

@@ -45,6 +45,9 @@ RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1
 CONNECT_MS = 10_000
 """Time for which a service that needs the router waits for it [ms]; tools try once."""
 
+ROUTER_ENTRIES = "@/*/router/**"
+"""Keys of a router's admin space: its clients, and what they have declared; `**` lacks them."""
+
 ONLY_ROUTER = {
     "enabled": True,
     "default_permission": "deny",
@@ -57,7 +60,7 @@ ONLY_ROUTER = {
                 *("put", "delete", "query", "reply", "liveliness_token", "liveliness_query"),
                 *("declare_subscriber", "declare_queryable", "declare_liveliness_subscriber"),
             ],
-            "key_exprs": ["**"],
+            "key_exprs": ["**", ROUTER_ENTRIES],
         }
     ],
     "subjects": [{"id": "router", "cert_common_names": ["router"]}],
@@ -123,6 +126,7 @@ def session_config(
     }
     if mode == "router":
         settings["listen/endpoints"] = config.router_endpoints
+        settings["adminspace/enabled"] = True  # read-only: it names who publishes
         settings |= _filters(config, most_hz, robots, renamed)
     else:
         settings["connect/endpoints"] = config.router_endpoints

@@ -18,9 +18,19 @@ from functools import partial
 from typing import Any, NoReturn, TypeVar
 
 import zenoh
+from msgspec.structs import replace
 
-from mecazen.bus.base import Bus, Handler, Nothing, Publisher, Reply, StoppedError, deliver
-from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
+from mecazen.bus.base import (
+    UNNAMED,
+    Bus,
+    Handler,
+    Nothing,
+    Publisher,
+    Reply,
+    StoppedError,
+    deliver,
+)
+from mecazen.bus.session import OPERATOR, ROUTER_ENTRIES, Mode, includes, open_session, reason_of
 from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
@@ -33,6 +43,8 @@ SAMPLE_BYTES = 500
 """Approximate memory of a waiting sample besides its content [bytes]."""
 BACKLOG_BYTES = 1 << 26
 """Maximum size of the waiting samples of a subscription to bytes [bytes]."""
+SENDERS_AT_MOST = 8
+"""Maximum number of programs noted on a key."""
 WAITING_AT_MOST = 16
 """Maximum number of waiting samples of a subscription that takes the newest valid one."""
 SIGNAL_CHECK_S = 0.2
@@ -82,9 +94,11 @@ class ZenohBus(Bus):
         """Handlers of each Zenoh subscriber, by key, `every` and `sender`."""
         self._listeners: dict[str, list[Handler[Any]]] = {}
         self._publishers: dict[str, _ZenohPublisher[Any]] = {}
+        self._of_bytes: dict[str, zenoh.Publisher] = {}
         self._sources: dict[str, object] = {}
         """The session of each service that alone publishes a topic, by its first sample."""
         self._tokens: list[zenoh.LivelinessToken] = []
+        self._config = config
         self._session = open_session(config, mode or config.mode, name)
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
@@ -121,6 +135,8 @@ class ZenohBus(Bus):
             except RefusedError as refusal:
                 self.queue.put(partial(self.refuse, key, str(refusal)))
             else:
+                if topic.open and sample.attachment is None:
+                    self._note_sender(key, sample)
                 keep(sample)
 
         def take(sample: zenoh.Sample) -> bool:
@@ -187,6 +203,30 @@ class ZenohBus(Bus):
         if service and self._sources.setdefault(service, session) != session:
             raise RefusedError(f"not from {service}, which alone publishes it")
 
+    def _note_sender(self, key: str, sample: zenoh.Sample) -> None:
+        senders, source = self.senders.setdefault(key, set()), sample.source_info
+        if len(senders) < SENDERS_AT_MOST:
+            senders.add(UNNAMED if source is None else str(source.source_id.zid))
+
+    def router_entries(self, timeout_s: float = 1.0) -> dict[str, bytes]:
+        """Return what the router knows of its clients, publishers and tokens: its admin space.
+
+        Keys begin behind `@/<id>/router`, and are without the namespace.
+        """
+        session, prefix = self._session, ""
+        if self._config.namespace:  # admin spaces are in no namespace
+            session = open_session(replace(self._config, namespace=None), "client", OPERATOR)
+            prefix = f"{self._config.namespace}/"
+        entries: dict[str, bytes] = {}
+        for reply in session.get(ROUTER_ENTRIES, timeout=timeout_s):
+            if reply.ok is not None:
+                kind, _, key = str(reply.ok.key_expr).split("/", 3)[-1].partition("/")
+                if key.startswith(prefix) or not key:
+                    entries[f"{kind}/{key.removeprefix(prefix)}"] = reply.ok.payload.to_bytes()
+        if session is not self._session:
+            session.close()  # type: ignore[no-untyped-call]
+        return entries
+
     def subscribe_bytes(
         self,
         key: str,
@@ -239,12 +279,16 @@ class ZenohBus(Bus):
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
         """Publish bytes on any key."""
-        self._session.put(
-            key,
+        if key not in self._of_bytes:  # declared, so that the router can name it
+            self._of_bytes[key] = self._session.declare_publisher(
+                key, congestion_control=zenoh.CongestionControl.BLOCK
+            )
+        publisher = self._of_bytes[key]
+        publisher.put(
             payload,
             encoding=encoding or None,
             attachment=attachment,
-            congestion_control=zenoh.CongestionControl.BLOCK,
+            source_info=zenoh.SourceInfo(publisher.id, 0),
         )
 
     def serve(

@@ -14,6 +14,9 @@ from mecazen.messages import DiagnosticArray, DiagnosticStatus, Header, KeyValue
 from mecazen.robots import join_key
 from mecazen.wire import NS_PER_S, Stamp
 
+PUBLISHERS = "publishers/"
+"""Beginning of the names of values: of the programs on a key, by their Zenoh ids."""
+
 
 class Received:
     """An input of an observer: the number of samples received and the tick of the newest one."""
@@ -60,10 +63,19 @@ class Health:
             for name in self._scenario.services
             if (part := join_key(name, robot)) in returns
         }
+        contested = [
+            key for key, ids in values.items() if key.startswith(PUBLISHERS) and " " in str(ids)
+        ]
+        problems = {
+            "refused payloads": refused,
+            "several programs publish one key": contested,
+            "unknown fields": ignored,
+        }
+        message = next((problem for problem, keys in problems.items() if keys), "ok")
         status = DiagnosticStatus(
-            level=1 if refused or ignored else 0,
+            level=0 if message == "ok" else 1,
             name=self._name,
-            message="refused payloads" if refused else "unknown fields" if ignored else "ok",
+            message=message,
             values=tuple(KeyValue(key=key, value=str(value)) for key, value in values.items()),
         )
         header = Header(stamp=stamp.time)

@@ -20,7 +20,7 @@ from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.parameters import changed, settings_of
 from mecazen.programs import Kind, classes, graph_of
 from mecazen.robots import join_key
-from mecazen.runtime.health import Health
+from mecazen.runtime.health import PUBLISHERS, Health
 from mecazen.runtime.pace import serve_every
 from mecazen.wire import NS_PER_S, Stamp
 
@@ -269,7 +269,15 @@ class Host:
             for slot in turn.slots
             if not slot.topic.by_hand
         }
-        return Service(name, robot, turns, Health(name, robot, self.bus, self.scenario, inputs), [])
+        health = Health(name, robot, self.bus, self.scenario, inputs)
+        return Service(name, robot, turns, health, [partial(self._publishers, turns)])
+
+    def _publishers(self, turns: Iterable[Turn]) -> dict[str, str]:
+        """Return the programs that have published on open keys since the last report, by key."""
+        slots = (slot for turn in turns for slot in turn.slots if slot.topic.open)
+        opened = {self.bus.key_of(slot.on_bus) for slot in slots}
+        senders = {key: self.bus.senders.pop(key, ()) for key in opened}
+        return {f"{PUBLISHERS}{key}": " ".join(sorted(ids)) for key, ids in senders.items() if ids}
 
     def _subscribe(self) -> None:
         """Subscribe to the inputs that other processes publish.

@@ -22,6 +22,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from mecazen_tools.cli.options import Settings, load, print_table, receive, tool_bus
+from mecazen_tools.publishers import Programs
 
 LIVE_S = 1.0
 
@@ -133,17 +134,19 @@ def topics(
         str | None,
         Argument(metavar="[SCENARIO]", help="Whose nodes, with their own topics as well."),
     ] = None,
-    live: Annotated[bool, Option("--live", help=f"Measure the rates for {LIVE_S:g} s.")] = False,
+    live: Annotated[
+        bool, Option("--live", help=f"Measure rates for {LIVE_S:g} s, and list the publishers.")
+    ] = False,
 ) -> None:
     """Show the table of keys: message, rate, who publishes, and what answers queries."""
     loaded = DEFAULTS if scenario is None else load(scenario, None)
     nodes = Graph(GRAPH) if scenario is None else graph_of(loaded)
     renamed = {} if scenario is None else loaded.of(loaded.names[0]).renamed
-    rates = _live_rates(context, nodes, renamed) if live else {}
-    names = ["message", "rate", "from", "meaning", *(["Hz now"] if live else [])]
+    rates, publishers = _live(context, nodes, renamed) if live else ({}, {})
+    names = ["message", "rate", "from", "meaning", *(["Hz now", "publishers"] if live else [])]
     table = Table(Column("key", no_wrap=True), *(Column(name, overflow="fold") for name in names))
     for key, message, rate, *cells in topic_rows(nodes, renamed):
-        measured = [rates.get(key, "0")] if live else []
+        measured = [rates.get(key, "0"), publishers.get(key, "")] if live else []
         shown = key, message.replace("/msg", ""), in_hz(rate, loaded), *cells, *measured
         table.add_row(*map(Text, shown))  # Text: a unit in brackets is not markup
     table.add_section()
@@ -152,8 +155,10 @@ def topics(
     print_table(table, 200)
 
 
-def _live_rates(context: typer.Context, nodes: Graph, renamed: Mapping[str, str]) -> dict[str, str]:
-    """Measure the rates on a bus; return those of all robots as lines, by key."""
+def _live(
+    context: typer.Context, nodes: Graph, renamed: Mapping[str, str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return rates and publishers on a bus by key, a line for each robot."""
     topics = {topic.key: topic for topic in (*nodes.topics, *TOPICS)}.values()
     known = [replace(topic, key=renamed.get(topic.key, topic.key)) for topic in topics]
     counts: dict[str, Counter[str]] = defaultdict(Counter)
@@ -164,10 +169,20 @@ def _live_rates(context: typer.Context, nodes: Graph, renamed: Mapping[str, str]
         if topic is not None:
             counts[topic.key][robot] += 1
 
+    publishers: dict[str, list[str]] = defaultdict(list)
     with tool_bus(context) as bus:
         bus.subscribe_bytes("**", count)
         receive(bus, LIVE_S)
-    return {
-        key: "\n".join(f"{robot} {number / LIVE_S:.0f}".strip() for robot, number in sorted(robots))
-        for key, robots in ((key, counter.items()) for key, counter in counts.items())
+        programs = Programs(bus)
+        for key, ids in programs.publishers.items():
+            robot, topic = resolve(key, known)
+            if topic is not None:
+                names = " and ".join(map(programs.name, ids))
+                publishers[topic.key].append(f"{robot} {names}".strip())
+    rates = {
+        key: "\n".join(
+            f"{robot} {count / LIVE_S:.0f}".strip() for robot, count in sorted(counter.items())
+        )
+        for key, counter in counts.items()
     }
+    return rates, {key: "\n".join(sorted(lines)) for key, lines in publishers.items()}

@@ -16,6 +16,7 @@ from mecazen.errors import BusError
 from mecazen.graph import SHARED, WORLDS
 from mecazen.messages import DiagnosticArray, Empty, SimState
 from mecazen.robots import join_key
+from mecazen.runtime.health import PUBLISHERS
 from mecazen.text import printable
 from mecazen.wire import NS_PER_S, RefusedError, decode
 from rich.console import Group
@@ -25,6 +26,7 @@ from rich.text import Text
 from typer import Option
 
 from mecazen_tools.cli.options import console, fitting, receive, tool_bus
+from mecazen_tools.publishers import Programs, contested
 from mecazen_tools.strays import scenario_at
 
 REFRESH_S = 0.5
@@ -99,6 +101,8 @@ class Status(msgspec.Struct, frozen=True):
     services: dict[str, ServiceStatus]
     followed: dict[str, Followed] = {}
     """How each robot with a follower follows, by its name; empty for a single robot."""
+    drives: dict[str, str] = {}
+    """Who drives each robot, by its name."""
     warnings: tuple[str, ...] = ()
     """Warnings of services, and ignored fields of samples."""
 
@@ -115,6 +119,9 @@ class Diagnostics:
         self._arrived_s: dict[str, float] = {}
         self._parts: Sequence[str] = ()
         """The services of the scenario, once its clock answers `status`."""
+        self._network: Programs | None = None
+        """The programs at the router, as it answered at `_asked_s` [s]."""
+        self._asked_s = -math.inf
         bus.subscribe_bytes(f"**/{keys.diagnostics('*').key}", self._take)
 
     def age_s(self, service: str) -> float:
@@ -145,7 +152,8 @@ class Diagnostics:
         following = (name.rpartition("/")[0] for name in services if name.endswith("follower"))
         reports = {robot: self.followed(robot) for robot in following}
         followed = {robot: report for robot, report in reports.items() if report is not None}
-        return Status(sim, services, followed, self._warnings())
+        warnings = (*self.contests(), *self._warnings())
+        return Status(sim, services, followed, self.drives(), warnings)
 
     def followed(self, robot: str) -> Followed | None:
         """Return how a robot follows; None if its follower does not report it."""
@@ -161,6 +169,39 @@ class Diagnostics:
             number(report, "distance_error_m") if error_m is None else error_m,
             is_true=error_m is not None,
         )
+
+    def drives(self) -> dict[str, str]:
+        """Return who drives each robot, by its name; empty for a robot at rest."""
+        drives: dict[str, str] = {}
+        for service in ("controller", "guard"):  # a guard chooses in place of the controller
+            for name, report in self.reports.items():
+                robot, _, part = name.rpartition("/")
+                if part == service and "drives" in report:
+                    programs = self._programs(join_key(report["drives"], robot))
+                    names = f" ({programs[0]})" if len(programs) == 1 else ""
+                    drives[robot] = printable(f"{report['drives']}{names}")
+        return drives
+
+    def contests(self) -> tuple[str, ...]:
+        """Return warnings about keys on which several programs publish."""
+        keys_on_bus = {
+            name.removeprefix(PUBLISHERS)
+            for report in self.reports.values()
+            for name in report
+            if name.startswith(PUBLISHERS)
+        }
+        programs = {key: self._programs(key) for key in sorted(keys_on_bus)}
+        return tuple(contested(key, names) for key, names in programs.items() if len(names) > 1)
+
+    def _programs(self, key: str) -> list[str]:
+        """Return the names of the programs that publish on a key."""
+        reports = (report.get(PUBLISHERS + key, "") for report in self.reports.values())
+        senders = {sender for report in reports for sender in report.split()}
+        if not senders:
+            return []
+        if self._network is None or time.monotonic() - self._asked_s > REFRESH_S:
+            self._network, self._asked_s = Programs(self._bus), time.monotonic()
+        return self._network.on(key, senders)
 
     def is_complete(self, status: Status) -> bool:
         """Return whether each service of the scenario that is alive has reported."""
@@ -272,7 +313,9 @@ def _headline(status: Status) -> str:
         pace += f" (speed {sim.speed:g})"
     mode = sim.mode.replace("_", " ")
     time_s = sim.clock.ns / NS_PER_S
-    return printable(f"t = {time_s:.1f} s  ·  {pace}  ·  {mode}  ·  seed {sim.seed}")
+    drives = [f"{robot} driven by {name}".strip() for robot, name in status.drives.items() if name]
+    parts = (f"t = {time_s:.1f} s", pace, mode, f"seed {sim.seed}", *drives)
+    return printable("  ·  ".join(parts))
 
 
 def status(

@@ -20,6 +20,7 @@ from mecazen.wire import JSON_ENCODING, STAMPED, RefusedError, decode
 from typer import Argument, Option
 
 from mecazen_tools.cli.options import receive, tool_bus
+from mecazen_tools.publishers import Programs, contested
 from mecazen_tools.strays import absent, ignored, mistake, unknown_to
 
 SILENCE_S = 2.0
@@ -92,6 +93,8 @@ def pub(
         raise ConfigError("--duration needs --rate")
     with _bus_for(context, key) as bus:
         _warn(ignored(bus, key))
+        if (topic := topic_of(key)) is not None and topic.open and (names := Programs(bus).on(key)):
+            _warn(contested(key, [*names, "this one"]))
         begin_s, sent = time.monotonic(), 0
         while True:
             bus.put_bytes(key, payload, JSON_ENCODING)

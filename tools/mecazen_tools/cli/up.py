@@ -17,6 +17,7 @@ from typing import Annotated, Literal
 from mecazen import keys
 from mecazen.bus.ports import free_port, is_free
 from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.commands import FOLLOWER
 from mecazen.config import BusConfig, Process, Scenario
 from mecazen.config.bus import ROUTER, SECURE_ROUTER
 from mecazen.config.people import Driven
@@ -55,6 +56,10 @@ def up(
     no_viewer: Annotated[
         bool, Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
     ] = False,
+    without: Annotated[
+        list[str] | None,
+        Option(metavar="SERVICE", help="Leave out a service, such as follower. Repeatable."),
+    ] = None,
     restart: Annotated[
         bool, Option("--restart", help="Start a process again that fails or is killed.")
     ] = False,
@@ -73,7 +78,7 @@ def up(
     run has that one. If a process fails, its error is shown and all processes end. With --restart
     it is started again. The other processes continue without the viewer or the recorder.
 
-    Examples: mecazen up back · mecazen up side --set sim.speed=2 · mecazen up teleop --no-viewer
+    Examples: mecazen up back · mecazen up teleop --no-viewer · mecazen up back --without follower
     """
     path, overrides = scenario_path(scenario), list(settings or ())
     has_viewer = not no_viewer and is_installed(VIEWER)
@@ -84,6 +89,9 @@ def up(
     if ros2:
         overrides.append("bus.ros2=true")
     loaded = load_scenario(path, parse_settings(overrides))
+    overrides += settings_without(loaded, without or [])
+    loaded = load_scenario(path, parse_settings(overrides))
+    refuse_needed(loaded, without or [])
     if processes == 1:
         group = [part for part in loaded.services if part not in OBSERVERS]
         overrides.append(f"processes={to_value([group])}")
@@ -121,6 +129,37 @@ def up(
         for name in supervisor.stop():
             console.print(f"{name} did not end in time and was killed")
     console.print("all processes have ended")
+
+
+def refuse_needed(scenario: Scenario, without: list[str]) -> None:
+    """Check that a scenario lacks the services that are left out.
+
+    Raises:
+        ConfigError: Its sensors need one of them.
+    """
+    for name in without:
+        if name in scenario.services:
+            raise ConfigError(
+                f"--without {name}: sensor.kind = {scenario.sensor.kind!r} needs it; a program "
+                "that publishes cmd_vel takes over from it"
+            )
+
+
+def settings_without(scenario: Scenario, without: list[str]) -> list[str]:
+    """Return the settings that leave out services; none if there are none.
+
+    Raises:
+        ConfigError: The scenario has no such service.
+    """
+    for name in without:
+        if name not in scenario.services:
+            names = ", ".join(scenario.services)
+            raise ConfigError(f"--without {name}: no such service; services: {names}")
+    if not without:
+        return []
+    services = [name for name in scenario.services if name not in without]
+    groups = [[name for name in group if name in services] for group in scenario.processes]
+    return [f"services={to_value(services)}", f"processes={to_value(list(filter(None, groups)))}"]
 
 
 def _shares_router(bus: BusConfig) -> bool:
@@ -207,7 +246,12 @@ def overview(diagnostics: Diagnostics, scenario: Scenario) -> tuple[float, str]:
     robots = [_overview_of(robot, diagnostics, late_s) for robot in scenario.names]
     if "rtf" in world:
         robots[0].append(f"{world['rtf']} × real time, {world.get('missed_deadlines', '?')} missed")
+    drives = diagnostics.drives()
+    for robot, parts in zip(scenario.names, robots, strict=True):
+        if (driver := drives.get(robot)) not in (None, "", FOLLOWER):
+            parts.append(f"driven by {driver}")
     robots[0] += [f"warning: {world[name]}" for name in world if name.startswith(WARNING)]
+    robots[0] += [f"warning: {contest}" for contest in diagnostics.contests()]
     lines = "\n".join("  ·  ".join(parts) for parts in robots)
     time_s = diagnostics.time_s
     return time_s, f"[bold]t = {time_s:.1f} s[/]  {escape(lines)}"

@@ -1,0 +1,112 @@
+"""The programs that publish on a key, named by the router and by the processes of this machine."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+from mecazen.bus.base import UNNAMED
+from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import LIVELINESS
+from mecazen.graph import SERVICES
+from mecazen.text import shortened
+
+DECLARED = ("publisher", "token", "subscriber", "queryable", "querier")
+"""Kinds of a router's entries with the programs that have declared them."""
+LOOPBACK = "127.0.0.1"
+NAMELESS = "a program that declares no publisher"
+"""Name of a client that calls Zenoh's `put` only: its samples do not identify it."""
+
+
+class Programs:
+    """The programs that are connected to the router of a bus, by their Zenoh ids.
+
+    The router knows the publishers and the liveliness tokens of all programs, and the addresses of
+    its own clients. A client that only calls Zenoh's `put`, as `zenoh put` does, declares nothing.
+    """
+
+    def __init__(self, bus: ZenohBus) -> None:
+        self.publishers: dict[str, list[str]] = {}
+        """Zenoh ids of the declared publishers of each key."""
+        self._services: dict[str, list[str]] = {}
+        self._addresses: dict[str, str] = {}
+        self._names = {UNNAMED: NAMELESS}
+        declared: set[str] = set()
+        for entry, payload in bus.router_entries().items():
+            kind, _, key = entry.partition("/")
+            if kind == "router":
+                for session in msgspec.json.decode(payload)["sessions"]:
+                    for link in session["links"]:
+                        self._addresses[session["peer"]] = link["dst"]
+            elif key and kind in DECLARED:
+                holders = msgspec.json.decode(payload)
+                programs = [*holders["peers"], *holders["clients"]]
+                declared.update(programs)
+                if kind in ("publisher", "token"):
+                    self._note(key, programs)
+        self._silent = [program for program in self._addresses if program not in declared]
+        """Programs that declare nothing: they only put or ask."""
+
+    def _note(self, key: str, holders: list[str]) -> None:
+        robot, is_token, service = key.rpartition(f"{LIVELINESS}/")
+        if is_token and service in SERVICES:
+            for holder in holders:
+                self._services.setdefault(holder, []).append(f"{robot}{service}")
+        noted = self.publishers.setdefault(key, [])
+        noted += [holder for holder in holders if holder not in noted]
+
+    def name(self, program: str) -> str:
+        """Return the services of a program, or its process, or its address and Zenoh id."""
+        if program in self._services:
+            return "+".join(sorted(self._services[program]))
+        if program not in self._names:
+            host, _, port = self._addresses.get(program, "").rpartition("/")[2].rpartition(":")
+            process = _process_at(int(port)) if host == LOOPBACK else None
+            address = f" at {host}" if host else ""
+            self._names[program] = process or f"Zenoh id {program[:8]}{address}"
+        return self._names[program]
+
+    def on(self, key: str, senders: Iterable[str] = ()) -> list[str]:
+        """Return the names of the programs on a key that are not services.
+
+        Args:
+            key: The key, with the robot's name.
+            senders: The programs whose samples have arrived, see `Bus.senders`; left out: all.
+        """
+        declared = [p for p in self.publishers.get(key, ()) if p not in self._services]
+        active = [program for program in senders if program != UNNAMED] if senders else declared
+        if UNNAMED in senders:
+            unnamed = [program for program in declared if program not in active]
+            silent = [p for p in self._silent if not self.name(p).startswith(f"pid {os.getpid()}:")]
+            active += unnamed or (silent if len(silent) == 1 else [UNNAMED])
+        return [self.name(program) for program in active]
+
+
+def contested(key: str, names: list[str]) -> str:
+    """Return the warning that several programs publish on a key."""
+    return f"{key}: {len(names)} programs publish, and the robot obeys each: {' and '.join(names)}"
+
+
+def _process_at(port: int) -> str | None:
+    """Return pid and command line of the local process with a TCP port; None: it is not visible."""
+    sockets = {f"socket:[{inode}]" for inode in _sockets_at(port)}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # the process has ended, or is another user's
+            if any(str(file.readlink()) in sockets for file in (folder / "fd").iterdir()):
+                words = (folder / "cmdline").read_text().rstrip("\0").split("\0")
+                if words[1:] and "/bin/" in words[1]:
+                    del words[0]  # the interpreter of an installed command
+                words[0] = Path(words[0]).name
+                return f"pid {folder.name}: {shortened(' '.join(words))}"
+    return None
+
+
+def _sockets_at(port: int) -> Iterator[str]:
+    """Yield the inodes of the sockets with a local TCP port."""
+    for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
+        _, local, _, _, _, _, _, _, _, inode, *_ = line.split()
+        if int(local.rpartition(":")[2], 16) == port and inode != "0":
+            yield inode
