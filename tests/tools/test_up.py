@@ -17,7 +17,6 @@ from mecazen_tools.cli.up import (
     hints,
     interrupt_on_signals,
     overview,
-    refuse_needed,
     settings_without,
 )
 from mecazen_tools.forking import STOPPING
@@ -135,5 +134,5 @@ def test_a_service_is_left_out_unless_the_sensors_need_it():
     assert settings_without(loaded, []) == []
     with pytest.raises(ConfigError, match="--without folower: no such service; services: physics"):
         settings_without(loaded, ["folower"])
-    with pytest.raises(ConfigError, match=r"--without follower: sensor.kind = 'pose' needs it"):
-        refuse_needed(loaded, ["follower"])
+    with pytest.raises(ConfigError, match=r"--without follower: sensor.kind = 'fused' needs it"):
+        settings_without(load_scenario(SCENARIOS / "senses.toml"), ["follower"])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections import defaultdict
+from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,8 +18,6 @@ from mecazen.text import shortened
 DECLARED = ("publisher", "token", "subscriber", "queryable", "querier")
 """Kinds of a router's entries with the programs that have declared them."""
 LOOPBACK = "127.0.0.1"
-NAMELESS = "a program that declares no publisher"
-"""Name of a client that calls Zenoh's `put` only: its samples do not identify it."""
 
 
 class Programs:
@@ -28,14 +27,14 @@ class Programs:
     its own clients. A client that only calls Zenoh's `put`, as `zenoh put` does, declares nothing.
     """
 
-    def __init__(self, bus: ZenohBus) -> None:
-        self.publishers: dict[str, list[str]] = {}
+    def __init__(self, bus: ZenohBus | None = None) -> None:
+        self.publishers: defaultdict[str, list[str]] = defaultdict(list)
         """Zenoh ids of the declared publishers of each key."""
-        self._services: dict[str, list[str]] = {}
+        self._names = {UNNAMED: "a program that declares no publisher"}
+        self._services: defaultdict[str, list[str]] = defaultdict(list)
         self._addresses: dict[str, str] = {}
-        self._names = {UNNAMED: NAMELESS}
         declared: set[str] = set()
-        for entry, payload in bus.router_entries().items():
+        for entry, payload in bus.router_entries().items() if bus else ():
             kind, _, key = entry.partition("/")
             if kind == "router":
                 for session in msgspec.json.decode(payload)["sessions"]:
@@ -45,18 +44,14 @@ class Programs:
                 holders = msgspec.json.decode(payload)
                 programs = [*holders["peers"], *holders["clients"]]
                 declared.update(programs)
-                if kind in ("publisher", "token"):
-                    self._note(key, programs)
+                if kind == "publisher":
+                    self.publishers[key] += programs
+                robot, is_token, service = key.rpartition(f"{LIVELINESS}/")
+                if is_token and service in SERVICES:
+                    for program in programs:
+                        self._services[program].append(f"{robot}{service}")
         self._silent = [program for program in self._addresses if program not in declared]
         """Programs that declare nothing: they only put or ask."""
-
-    def _note(self, key: str, holders: list[str]) -> None:
-        robot, is_token, service = key.rpartition(f"{LIVELINESS}/")
-        if is_token and service in SERVICES:
-            for holder in holders:
-                self._services.setdefault(holder, []).append(f"{robot}{service}")
-        noted = self.publishers.setdefault(key, [])
-        noted += [holder for holder in holders if holder not in noted]
 
     def name(self, program: str) -> str:
         """Return the services of a program, or its process, or its address and Zenoh id."""
@@ -64,23 +59,25 @@ class Programs:
             return "+".join(sorted(self._services[program]))
         if program not in self._names:
             host, _, port = self._addresses.get(program, "").rpartition("/")[2].rpartition(":")
-            process = _process_at(int(port)) if host == LOOPBACK else None
             address = f" at {host}" if host else ""
+            process = _process_at(int(port)) if host == LOOPBACK else None
             self._names[program] = process or f"Zenoh id {program[:8]}{address}"
         return self._names[program]
 
-    def on(self, key: str, senders: Iterable[str] = ()) -> list[str]:
+    def on(self, key: str, senders: Collection[str] = ()) -> list[str]:
         """Return the names of the programs on a key that are not services.
 
         Args:
             key: The key, with the robot's name.
-            senders: The programs whose samples have arrived, see `Bus.senders`; left out: all.
+            senders: The programs whose samples have arrived, see `Bus.senders`; left out: all that
+                have declared a publisher.
         """
-        declared = [p for p in self.publishers.get(key, ()) if p not in self._services]
+        declared = [program for program in self.publishers[key] if program not in self._services]
         active = [program for program in senders if program != UNNAMED] if senders else declared
         if UNNAMED in senders:
+            own = f"pid {os.getpid()}:"
+            silent = [program for program in self._silent if not self.name(program).startswith(own)]
             unnamed = [program for program in declared if program not in active]
-            silent = [p for p in self._silent if not self.name(p).startswith(f"pid {os.getpid()}:")]
             active += unnamed or (silent if len(silent) == 1 else [UNNAMED])
         return [self.name(program) for program in active]
 
@@ -92,21 +89,15 @@ def contested(key: str, names: list[str]) -> str:
 
 def _process_at(port: int) -> str | None:
     """Return pid and command line of the local process with a TCP port; None: it is not visible."""
-    sockets = {f"socket:[{inode}]" for inode in _sockets_at(port)}
+    rows = [row.split() for row in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    sockets = {f"socket:[{row[9]}]" for row in rows if row[1].endswith(f":{port:04X}")}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):  # the process has ended, or is another user's
             if any(str(file.readlink()) in sockets for file in (folder / "fd").iterdir()):
                 words = (folder / "cmdline").read_text().rstrip("\0").split("\0")
                 if words[1:] and "/bin/" in words[1]:
                     del words[0]  # the interpreter of an installed command
-                words[0] = Path(words[0]).name
-                return f"pid {folder.name}: {shortened(' '.join(words))}"
+                return (
+                    f"pid {folder.name}: {shortened(' '.join([Path(words[0]).name, *words[1:]]))}"
+                )
     return None
-
-
-def _sockets_at(port: int) -> Iterator[str]:
-    """Yield the inodes of the sockets with a local TCP port."""
-    for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
-        _, local, _, _, _, _, _, _, _, inode, *_ = line.split()
-        if int(local.rpartition(":")[2], 16) == port and inode != "0":
-            yield inode

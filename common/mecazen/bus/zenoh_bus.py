@@ -213,18 +213,15 @@ class ZenohBus(Bus):
 
         Keys begin behind `@/<id>/router`, and are without the namespace.
         """
-        session, prefix = self._session, ""
-        if self._config.namespace:  # admin spaces are in no namespace
-            session = open_session(replace(self._config, namespace=None), "client", OPERATOR)
-            prefix = f"{self._config.namespace}/"
+        prefix = f"{self._config.namespace}/" if self._config.namespace else ""
         entries: dict[str, bytes] = {}
-        for reply in session.get(ROUTER_ENTRIES, timeout=timeout_s):
-            if reply.ok is not None:
-                kind, _, key = str(reply.ok.key_expr).split("/", 3)[-1].partition("/")
-                if key.startswith(prefix) or not key:
-                    entries[f"{kind}/{key.removeprefix(prefix)}"] = reply.ok.payload.to_bytes()
-        if session is not self._session:
-            session.close()  # type: ignore[no-untyped-call]
+        # admin spaces are in no namespace
+        with open_session(replace(self._config, namespace=None), "client") as session:
+            for reply in session.get(ROUTER_ENTRIES, timeout=timeout_s):
+                if reply.ok is not None:
+                    kind, _, key = str(reply.ok.key_expr).split("/", 3)[-1].partition("/")
+                    if key.startswith(prefix) or not key:
+                        entries[f"{kind}/{key.removeprefix(prefix)}"] = reply.ok.payload.to_bytes()
         return entries
 
     def subscribe_bytes(

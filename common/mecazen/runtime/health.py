@@ -63,15 +63,12 @@ class Health:
             for name in self._scenario.services
             if (part := join_key(name, robot)) in returns
         }
-        contested = [
-            key for key, ids in values.items() if key.startswith(PUBLISHERS) and " " in str(ids)
-        ]
-        problems = {
-            "refused payloads": refused,
-            "several programs publish one key": contested,
-            "unknown fields": ignored,
-        }
-        message = next((problem for problem, keys in problems.items() if keys), "ok")
+        programs = [str(ids) for key, ids in values.items() if key.startswith(PUBLISHERS)]
+        message = "unknown fields" if ignored else "ok"
+        if any(" " in ids for ids in programs):
+            message = "several programs publish one key"
+        if refused:
+            message = "refused payloads"
         status = DiagnosticStatus(
             level=0 if message == "ok" else 1,
             name=self._name,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Annotated
@@ -119,9 +120,8 @@ class Diagnostics:
         self._arrived_s: dict[str, float] = {}
         self._parts: Sequence[str] = ()
         """The services of the scenario, once its clock answers `status`."""
-        self._network: Programs | None = None
-        """The programs at the router, as it answered at `_asked_s` [s]."""
-        self._asked_s = -math.inf
+        self._network, self._asked_s = Programs(), -math.inf
+        """The programs at the router, and the time of its answer [s]."""
         bus.subscribe_bytes(f"**/{keys.diagnostics('*').key}", self._take)
 
     def age_s(self, service: str) -> float:
@@ -170,38 +170,32 @@ class Diagnostics:
             is_true=error_m is not None,
         )
 
-    def drives(self) -> dict[str, str]:
-        """Return who drives each robot, by its name; empty for a robot at rest."""
-        drives: dict[str, str] = {}
-        for service in ("controller", "guard"):  # a guard chooses in place of the controller
-            for name, report in self.reports.items():
-                robot, _, part = name.rpartition("/")
-                if part == service and "drives" in report:
-                    programs = self._programs(join_key(report["drives"], robot))
-                    names = f" ({programs[0]})" if len(programs) == 1 else ""
-                    drives[robot] = printable(f"{report['drives']}{names}")
-        return drives
+    def programs(self) -> dict[str, list[str]]:
+        """Return the names of the programs that have just published, by open key."""
+        senders: defaultdict[str, set[str]] = defaultdict(set)
+        for report in self.reports.values():
+            for name, ids in report.items():
+                if name.startswith(PUBLISHERS):
+                    senders[name.removeprefix(PUBLISHERS)].update(ids.split())
+        if senders and time.monotonic() - self._asked_s > REFRESH_S:
+            self._network, self._asked_s = Programs(self._bus), time.monotonic()
+        return {key: self._network.on(key, ids) for key, ids in senders.items()}
 
     def contests(self) -> tuple[str, ...]:
         """Return warnings about keys on which several programs publish."""
-        keys_on_bus = {
-            name.removeprefix(PUBLISHERS)
-            for report in self.reports.values()
-            for name in report
-            if name.startswith(PUBLISHERS)
-        }
-        programs = {key: self._programs(key) for key in sorted(keys_on_bus)}
-        return tuple(contested(key, names) for key, names in programs.items() if len(names) > 1)
+        programs = self.programs().items()
+        return tuple(contested(key, names) for key, names in programs if len(names) > 1)
 
-    def _programs(self, key: str) -> list[str]:
-        """Return the names of the programs that publish on a key."""
-        reports = (report.get(PUBLISHERS + key, "") for report in self.reports.values())
-        senders = {sender for report in reports for sender in report.split()}
-        if not senders:
-            return []
-        if self._network is None or time.monotonic() - self._asked_s > REFRESH_S:
-            self._network, self._asked_s = Programs(self._bus), time.monotonic()
-        return self._network.on(key, senders)
+    def drives(self) -> dict[str, str]:
+        """Return who drives each robot, by its name; empty for a robot at rest."""
+        programs, drives = self.programs(), {}
+        for service in ("controller", "guard"):  # a guard chooses in place of the controller
+            for name, report in self.reports.items():
+                robot, _, part = name.rpartition("/")
+                if part == service and (source := report.get("drives")) is not None:
+                    names = programs.get(join_key(source, robot), [])
+                    drives[robot] = f"{source} ({names[0]})" if len(names) == 1 else source
+        return drives
 
     def is_complete(self, status: Status) -> bool:
         """Return whether each service of the scenario that is alive has reported."""

@@ -8,7 +8,7 @@ import shutil
 import signal
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,7 @@ from mecazen.config.services import ViewerConfig
 from mecazen.errors import BusError, ConfigError, is_installed
 from mecazen.files import to_value
 from mecazen.graph import OBSERVERS, WORLDS
-from mecazen.loading import load_scenario, parse_settings, scenario_path
+from mecazen.loading import load_scenario, parse_settings, scenario_path, with_settings
 from mecazen.programs import refuse_missing
 from mecazen.robots import join_key
 from mecazen.runtime.process import refuse_missing_ros
@@ -89,9 +89,8 @@ def up(
     if ros2:
         overrides.append("bus.ros2=true")
     loaded = load_scenario(path, parse_settings(overrides))
-    overrides += settings_without(loaded, without or [])
+    overrides += settings_without(loaded, without or ())
     loaded = load_scenario(path, parse_settings(overrides))
-    refuse_needed(loaded, without or [])
     if processes == 1:
         group = [part for part in loaded.services if part not in OBSERVERS]
         overrides.append(f"processes={to_value([group])}")
@@ -131,35 +130,27 @@ def up(
     console.print("all processes have ended")
 
 
-def refuse_needed(scenario: Scenario, without: list[str]) -> None:
-    """Check that a scenario lacks the services that are left out.
+def settings_without(scenario: Scenario, without: Sequence[str]) -> list[str]:
+    """Return the settings that leave out services.
 
     Raises:
-        ConfigError: Its sensors need one of them.
+        ConfigError: The scenario has no such service, or its sensors need it.
     """
-    for name in without:
-        if name in scenario.services:
-            raise ConfigError(
-                f"--without {name}: sensor.kind = {scenario.sensor.kind!r} needs it; a program "
-                "that publishes cmd_vel takes over from it"
-            )
-
-
-def settings_without(scenario: Scenario, without: list[str]) -> list[str]:
-    """Return the settings that leave out services; none if there are none.
-
-    Raises:
-        ConfigError: The scenario has no such service.
-    """
+    if not without:
+        return []
+    left = [name for name in scenario.services if name not in without]
+    groups = [[name for name in group if name in left] for group in scenario.processes]
+    settings = {"services": left, "processes": [group for group in groups if group]}
     for name in without:
         if name not in scenario.services:
             names = ", ".join(scenario.services)
             raise ConfigError(f"--without {name}: no such service; services: {names}")
-    if not without:
-        return []
-    services = [name for name in scenario.services if name not in without]
-    groups = [[name for name in group if name in services] for group in scenario.processes]
-    return [f"services={to_value(services)}", f"processes={to_value(list(filter(None, groups)))}"]
+        if name in with_settings(scenario, settings).services:
+            raise ConfigError(
+                f"--without {name}: sensor.kind = {scenario.sensor.kind!r} needs it; a program "
+                "that publishes cmd_vel takes over from it"
+            )
+    return [f"{key}={to_value(names)}" for key, names in settings.items()]
 
 
 def _shares_router(bus: BusConfig) -> bool:
