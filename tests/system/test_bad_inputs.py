@@ -31,6 +31,8 @@ BAD = [
     (("compare", "teleop", "default", "follower.view=side_left"), ("teleop", "follower")),
     (("compare", "convoy", "default", "follower.view=side_left"), ("convoy", "one robot")),
     (("compare", "back", "default", "follower.vew=side_left"), ("did you mean view",)),
+    (("new", "robt", "mine"), ("robt", "'robot'")),
+    (("new", "robot", "My-Robot"), ("My-Robot", "such as my_robot")),
     (("collect", "back"), ("sim.mode=lockstep", "collector")),
     (("run", "pilot", "back"), ("pilot", "physics")),
     (("run", "back"), ("SCENARIO", "`mecazen up back`", "`mecazen simulate back`")),
@@ -78,6 +80,7 @@ BAD = [
     # recordings
     (("info", "none.mcap"), ("none.mcap", "No such file")),
     (("plot", "/dev/null"), ("/dev/null", "regular file")),
+    (("score", "none.mcap"), ("none.mcap", "No such file")),
     (("replay", "none.mcap"), ("none.mcap", "No such file")),
     (("replay", "/dev/null", "--through", "follower", "--loop"), ("regular file",)),
     ((*NOBODY, "record", "-o", "/dev/null/run.mcap"), ("tcp/127.0.0.1:1",)),

@@ -95,7 +95,7 @@ def _refuse_incomparable(scenario: Scenario, path: Path) -> None:
 
 
 def run_all(path: Path, settings: Mapping[str, Any], seeds: Sequence[int], done: Progress) -> Runs:
-    """Simulate each follower with each seed, in a process for each core.
+    """Simulate each follower with each seed, in a process for each core; sorted by seed.
 
     Raises:
         MecazenError: A run failed; the message names follower and seed.
@@ -114,7 +114,7 @@ def run_all(path: Path, settings: Mapping[str, Any], seeds: Sequence[int], done:
             except (MecazenError, BrokenProcessPool) as error:
                 raise MecazenError(f"{name}, seed {seed}: {error}") from None
             done(number)
-    return runs
+    return {name: dict(sorted(by_seed.items())) for name, by_seed in runs.items()}
 
 
 def _run(path: Path, settings: Mapping[str, Any], *, keep: bool) -> FollowerRun:
@@ -148,7 +148,7 @@ def compare(scenario: str, runs: Runs) -> Comparison:
         }
         for name in names
     }
-    return Comparison(scenario, tuple(sorted(runs[reference])), means, reference, differences)
+    return Comparison(scenario, tuple(runs[reference]), means, reference, differences)
 
 
 def _by_seed(runs: Mapping[int, FollowerRun], key: str) -> dict[int, float]:
