@@ -31,9 +31,9 @@ from mecazen_tools.processes import free_port, private_router
 from mecazen_tools.simulation import Simulation
 
 README = (ROOT / "README.md").read_text()
-QUICKSTART, EXTEND, TROUBLESHOOTING, HARDWARE, EXPERIMENTS = (
+QUICKSTART, EXTEND, TROUBLESHOOTING, HARDWARE, EXPERIMENTS, PROCESS = (
     (ROOT / "docs" / f"{page}.md").read_text()
-    for page in ("quickstart", "extend", "troubleshooting", "hardware", "experiments")
+    for page in ("quickstart", "extend", "troubleshooting", "hardware", "experiments", "process")
 )
 BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 
@@ -56,14 +56,22 @@ SHOWN = {
     "my_sensor.py": (EXTEND,),
     "my_robot.toml": (EXTEND,),
     "my_study.toml": (EXPERIMENTS,),
+    "my_process.py": (PROCESS,),
 }
 
 
 def test_the_templates_are_the_examples_that_the_documents_show():
     files = {file.name: file.read_text() for file in (ROOT / "examples" / "new").iterdir()}
-    assert SHOWN.keys() <= files.keys()
+    assert SHOWN.keys() == files.keys()
     for name, pages in SHOWN.items():
         assert all(f"\n{files[name]}```" in page for page in pages), name
+
+
+def test_a_new_process_is_the_example(tmp_path):
+    # test_driving.py runs it
+    assert mecazen("new", "process", "lead", folder=tmp_path).returncode == 0
+    example = ROOT / "examples" / "new" / "my_process.py"
+    assert (tmp_path / "lead.py").read_text() == example.read_text()
 
 
 @pytest.mark.parametrize("kind", ["follower", "sensor", "robot", "study"])
