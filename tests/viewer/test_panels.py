@@ -90,7 +90,7 @@ def test_changes_of_tracking_guard_and_health_are_logged(drawing):
         (
             (keys.FOLLOWER_STATE, m.FollowerState(tracking="waiting")),
             (keys.FOLLOWER_STATE, m.FollowerState(tracking="waiting")),
-            (keys.FOLLOWER_STATE, m.FollowerState(tracking="coasting")),
+            (keys.FOLLOWER_STATE, m.FollowerState(tracking="coasting", reason=m.Unseen.WALL)),
             (keys.GUARD_STATE, m.GuardState(state="stop", reason="0.30 m ahead")),
             (keys.GUARD_STATE, m.GuardState(state="stop", reason="0.29 m ahead")),
             (keys.GUARD_STATE, m.GuardState(state="clear")),
@@ -104,7 +104,8 @@ def test_changes_of_tracking_guard_and_health_are_logged(drawing):
     ):
         drawing.put(topic, message, 100 * step)
     content = drawing.end()
-    assert content.log("follower") == ["INFO tracking: waiting", "WARN tracking: coasting"]
+    coasting = "WARN tracking: coasting hidden by a wall"
+    assert content.log("follower") == ["INFO tracking: waiting", coasting]
     assert content.log("guard") == ["WARN guard: stop 0.30 m ahead", "INFO guard: clear"]
     assert content.log("physics") == ["INFO physics: ok", "WARN physics: refused payloads"]
     assert content.log("target") == ["INFO target: ok", "INFO target: the walk has ended"]
