@@ -209,11 +209,11 @@ def test_the_map_keeps_what_a_scan_does_not_span():
     assert area.sees(Pose2D(), np.array([[1.6, 0.0], [4.0, 0.0]])).tolist() == [False, True]
 
 
-def world(*boxes, inflation=3, walks=()):
-    """Return an episode of 10 x 10 m with boxes, and people who walk."""
+def world(*boxes, inflation=3):
+    """Return an episode of 10 x 10 m with boxes."""
     target = Walk(Pose2D(9.5, 0.5), ((9.5, 0.5),), False, 2.0, 0.5)
     return msgspec.structs.replace(
-        OPEN, size=(10.0, 10.0), boxes=boxes, inflation_cells=inflation, target=target, humans=walks
+        OPEN, size=(10.0, 10.0), boxes=boxes, inflation_cells=inflation, target=target, humans=()
     )
 
 
