@@ -18,8 +18,8 @@ def robot_file(robot: Robot, result: Identification) -> str:
     """Return an identified robot as a robot file."""
     tables = {k: v for k, v in msgspec.to_builtins(robot).items() if v is not None}
     return (
-        f"# Identified by `mecazen identify` from {result.runs} runs; masses, heights and motors "
-        f"are those of {result.robot}.\n{tomli_w.dumps(tables)}"
+        f"# Identified by `mecazen identify` from {result.runs} runs; all other values are those "
+        f"of {result.robot}.\n{tomli_w.dumps(tables)}"
     )
 
 
