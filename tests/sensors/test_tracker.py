@@ -137,7 +137,7 @@ AHEAD = seen_from(FRONT, 2.5)
         (seen_from(FRONT, 4.2), [], (-5.0, 5.0), Unseen.TOO_FAR),
         (seen_from(FRONT, 0.15), [], (-5.0, 5.0), Unseen.TOO_NEAR),
         (seen_from(FRONT, 0.5), [], (-5.0, 5.0), Unseen.SHOULDERS),
-        (AHEAD, [FAR_BOX, PILLAR, WALL], (-5.0, 5.0), Unseen.CYLINDER),
+        (AHEAD, [FAR_BOX, PILLAR, WALL], (-5.0, 5.0), Unseen.OBSTACLE),
         (AHEAD, [FAR_BOX, WALL], (-5.0, 5.0), Unseen.WALL),
         (AHEAD, [FAR_BOX], (0.4, 0.0), Unseen.PERSON),
     ],

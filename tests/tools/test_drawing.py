@@ -32,6 +32,7 @@ def test_the_figure_of_a_run_shows_goal_errors_and_velocities():
         **columns("target", POSE, 2.0, t, math.pi / 2),
         **columns("robot", (*POSE, *TWIST), 0.75, t, math.radians(10.0), 0.5, 0.25, 0.125),
         **columns("cmd", TWIST, 0.4, 0.2, 0.1),
+        "tracking": "following",
     }
     table = Table(dict(zip(values, np.broadcast_arrays(*values.values()), strict=True)), 1.0)
     figure = draw([Course("", table, scenario.follower.standoff)], scenario, "by hand")

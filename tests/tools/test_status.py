@@ -8,7 +8,7 @@ from mecazen.keys import SIM_STATE
 from mecazen.messages import DiagnosticArray, DiagnosticStatus, KeyValue, SimState, String, Time
 from mecazen.wire import encode
 from mecazen_tools.cli import status as command
-from mecazen_tools.cli.status import Diagnostics, Followed, InputStatus, screen
+from mecazen_tools.cli.status import Diagnostics, InputStatus, screen
 from rich.console import Console
 
 PARTS = ("physics", "controller", "follower")
@@ -146,7 +146,7 @@ def test_the_screen_says_why_the_person_is_lost():
     lost = {"tracking": "lost", "reason": "hidden by a wall", "distance_error_m": "0.1"}
     waiting = {"tracking": "waiting", "reason": "no frames from the sensor"}
     status = status_of({"follower": lost, "target": {"true_distance_error_m": "2.31"}})
-    assert status.followed == {"": Followed("lost", "hidden by a wall", 2.31, is_true=True)}
+    assert status.followed == {"": "lost: hidden by a wall, +2.310 m off (true)"}
     assert lines_of(status)[1] == "robot: lost: hidden by a wall, +2.310 m off (true)"
     assert lines_of(status_of({"follower": lost}))[1].endswith("wall, +0.100 m off (estimated)")
     head = lines_of(status_of({"one/follower": waiting}))[1]

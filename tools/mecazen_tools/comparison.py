@@ -124,7 +124,7 @@ def _run(path: Path, settings: Mapping[str, Any], *, keep: bool) -> FollowerRun:
     values = (
         scores.d_err_m,
         scores.theta_err_deg,
-        100.0 * sum(scores.lost.values()) if trajectory.tracking() else None,
+        100.0 * sum(scores.lost.values()) if (table.tracking != "").any() else None,
         float(contacts.persons + contacts.obstacles),
     )
     measures = {name: x for name, x in zip(MEASURES, values, strict=True) if x is not None}

@@ -12,7 +12,7 @@ from mecazen.robots import split_key
 from mecazen.wire import NS_PER_S
 from mecazen_recorder.reader import Recording
 
-from mecazen_tools.losses import TrackingRow, lost_shares
+from mecazen_tools.trajectory import lost_shares, sentence
 
 GAP = 1.5
 """Number of medians above which an interval is a gap."""
@@ -46,8 +46,8 @@ class RunInfo(msgspec.Struct, frozen=True):
     """Whether the file holds the run's configuration."""
     changes: tuple[str, ...]
     """Changes of parameters with time and value, after the values set before the run."""
-    lost: dict[str, dict[str, float]]
-    """By robot the share of time in which the person was lost, by reason; empty if never."""
+    lost: tuple[str, ...]
+    """By robot how long the person was lost, and why."""
 
 
 class Info(msgspec.Struct, frozen=True):
@@ -71,7 +71,7 @@ def inspect(recording: Recording) -> Info:
     seeds: dict[int, int] = {}
     known: dict[int, tuple[Parameter, ...]] = {}
     changes: dict[int, list[str]] = {}
-    tracking: dict[int, dict[str, list[TrackingRow]]] = {}
+    states: dict[int, dict[str, list[tuple[str, str]]]] = {}
     for sample in recording.samples():
         stamp = sample.stamp
         run = None if stamp is None else stamp.run
@@ -86,8 +86,8 @@ def inspect(recording: Recording) -> Info:
             if key == FOLLOWER_STATE.key:
                 with recording.reading(sample):
                     state = sample.message(FollowerState)
-                row = sample.time_ns / NS_PER_S, state.tracking, state.reason
-                tracking.setdefault(stamp.run, {}).setdefault(robot, []).append(row)
+                row = state.tracking, state.reason
+                states.setdefault(stamp.run, {}).setdefault(robot, []).append(row)
             if sample.key == PARAMETERS.key:
                 with recording.reading(sample):
                     message = sample.message(Parameters)
@@ -101,8 +101,11 @@ def inspect(recording: Recording) -> Info:
         names = tuple(filter(None, recording.robots(run)))
         span_s = first / NS_PER_S, last / NS_PER_S
         is_known, changed = run in recording.scenarios, tuple(changes.get(run, ()))
-        shares = {robot: lost_shares(rows) for robot, rows in tracking.get(run, {}).items()}
-        lost = {robot: reasons for robot, reasons in shares.items() if reasons}
+        lost = tuple(
+            f"{robot or 'robot'}: {text}"
+            for robot, rows in states.get(run, {}).items()
+            if (text := sentence(lost_shares(rows)))
+        )
         runs.append(RunInfo(run, seeds.get(run), names, *span_s, is_known, changed, lost))
     infos = tuple(_key_info(key, types[key], list(times[key].values())) for key in sorted(times))
     count = sum(info.count for info in infos)

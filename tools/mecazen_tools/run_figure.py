@@ -18,9 +18,8 @@ from mecazen.geometry import Pose2D, Standoff
 from mecazen.robots import join_key
 
 from mecazen_tools.drawing import COLUMN_IN, DASHES, ORANGE, PALETTE, STYLE, draw_arrows
-from mecazen_tools.losses import TrackingRow, lost_shares, sentence, spans
 from mecazen_tools.table import Table, deviations
-from mecazen_tools.trajectory import TWIST, Trajectory
+from mecazen_tools.trajectory import LOST, TWIST, Trajectory, sentence
 
 ARROWS = 12
 """Number of arrows along the path of each robot."""
@@ -28,10 +27,8 @@ LEGEND_COLUMNS = 7
 WANTED: dict[str, Any] = {"color": "black", "ls": DASHES, "lw": 0.7, "zorder": 3.0}
 WANTED["label"] = "wanted"
 OBSTACLE: dict[str, Any] = {"facecolor": "#cccccc", "edgecolor": "#888888", "linewidth": 0.3}
-SHADES: dict[str, dict[str, Any]] = {
-    "coasting": {"facecolor": "#f5e6c0", "zorder": 0.0},
-    "lost": {"facecolor": "#f0c0b0", "zorder": 0.0},
-}
+SHADES = {"#f5e6c0": ("coasting",), "#f0c0b0": LOST}
+"""Colours of the times in these tracking states."""
 ERRORS = {"distance\nerror [m]": 0.05, "heading\nerror [°]": 2.0}
 VELOCITIES = {"vx [m/s]": 0.1, "vy [m/s]": 0.1, "wz [rad/s]": 0.1}
 """The panels over time with the minimum range of their axes: rounding must not look like motion."""
@@ -46,7 +43,8 @@ class Course(NamedTuple):
     standoff: Standoff
     person: str = "person"
     """Name of the person."""
-    tracking: Sequence[TrackingRow] = ()
+    lost: str = ""
+    """How long the person was lost, and why."""
 
 
 def courses(trajectory: Trajectory, run: str = "") -> list[Course]:
@@ -57,7 +55,7 @@ def courses(trajectory: Trajectory, run: str = "") -> list[Course]:
             Table.of(trajectory, robot),
             trajectory.scenario.of(robot).follower.standoff,
             join_key("person", robot),
-            trajectory.tracking(robot),
+            sentence(trajectory.lost(robot)),
         )
         for robot in trajectory.scenario.names
     ]
@@ -84,8 +82,10 @@ def draw(runs: Sequence[Course], scenario: Scenario, title: str) -> Figure:
                 for axes, error in zip(panels, (distance, np.degrees(heading)), strict=False):
                     axes.plot(table["t_s"], error, color=colour, lw=0.7)
                     axes.axhline(0.0, **WANTED)
-            for (begin_s, end_s, state), axes in product(spans(course.tracking), panels):
-                axes.axvspan(begin_s, end_s, label=state, **SHADES[state])
+            for (shade, states), axes in product(SHADES.items(), panels):
+                where, height = np.isin(table.tracking, states), axes.get_xaxis_transform()
+                shading = {"color": shade, "label": states[0], "zorder": 0.0, "linewidth": 0.0}
+                axes.fill_between(table["t_s"], 0, 1, where, transform=height, **shading)
             commands = table.having("cmd_vx_m_s")
             for name, axes in zip(TWIST, panels[-3:], strict=True):
                 axes.plot(table["t_s"], table[f"robot_{name}"], color=colour, lw=1.0)
@@ -96,11 +96,8 @@ def draw(runs: Sequence[Course], scenario: Scenario, title: str) -> Figure:
             low, high = axes.get_ylim()
             axes.set(ylabel=name, ylim=(min(low, -least), max(high, least)))
         panels[-1].set_xlabel("t [s]")
-        lost = {course.name: sentence(lost_shares(course.tracking)) for course in runs}
-        figure.supxlabel(
-            "\n".join(f"{name} {text}".lstrip() for name, text in lost.items() if text),
-            fontsize="medium",
-        )
+        lost = (f"{course.name} {course.lost}".lstrip() for course in runs if course.lost)
+        figure.supxlabel("\n".join(lost), fontsize="medium")
         figure.align_ylabels(panels)
         draw_legend(figure, above, panels[-1])
     return figure
@@ -117,7 +114,7 @@ def draw_above(axes: Axes, runs: Sequence[Course], scenario: Scenario, title: st
 
 def draw_legend(figure: Figure, *panels: Axes) -> None:
     """Draw the legend of some panels above all of them, where it covers nothing."""
-    artists = (artist for axes in panels for artist in (*axes.lines, *axes.patches))
+    artists = (artist for axes in panels for artist in (*axes.lines, *axes.collections))
     lines = {str(artist.get_label()): artist for artist in artists}
     named = [name for name in lines if name and not name.startswith("_")]
     shown = {name: lines[name] for name in sorted(named, key="wanted".__eq__)}

@@ -22,7 +22,6 @@ from mecazen.runtime.pace import declare_every
 from mecazen.runtime.readiness import announce_readiness
 from mecazen.wire import NS_PER_S
 
-from mecazen_tools.losses import lost_shares
 from mecazen_tools.processes import Supervisor, private_router
 from mecazen_tools.simulation import Simulation
 from mecazen_tools.trajectory import Scores, Trajectory
@@ -48,7 +47,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     several robots, sums over the robots."""
     contacts_obstacles: int
     lost: dict[str, float] = {}
-    """Share of time in which the person was lost, by reason; with several robots of them all."""
+    """Share of time in which the person was lost, by reason; several robots have their own."""
     robots: dict[str, Scores] = {}
     """The measures of each of several robots, by its name."""
 
@@ -199,7 +198,7 @@ def summary(trajectory: Trajectory) -> Summary:
         theta_err_deg=_mean(score.theta_err_deg for score in scores.values()),
         contacts_persons=sum(counts.persons for counts in contacts),
         contacts_obstacles=sum(counts.obstacles for counts in contacts),
-        lost=lost_shares([row for robot in scenario.names for row in trajectory.tracking(robot)]),
+        lost={} if scenario.robots else trajectory.lost(),
         robots=scores if scenario.robots else {},
     )
 

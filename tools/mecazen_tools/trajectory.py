@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain, dropwhile, pairwise, product
 from statistics import fmean
 from typing import Any, cast
@@ -24,14 +25,16 @@ from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.wire import Stamp
 
-from mecazen_tools.losses import TrackingRow, lost_shares
-
 Row = tuple[float | str | None, ...]
 
 POSE = ("x_m", "y_m", "yaw_rad")
 TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
 COVARIANCE = ("xx_m2", "xy_m2", "xyaw_m_rad", "yy_m2", "yyaw_m_rad", "yawyaw_rad2")
 _ESTIMATE = (*POSE, *TWIST, *COVARIANCE)
+
+LOST = ("lost", "searching")
+"""The tracking states in which the robot no longer follows the prediction."""
+NAMED_REASONS = 3
 
 TOUCHING_M = 0.005
 """Gap below which bodies are in contact: the engine lets them sink in or bounce by less [m]."""
@@ -179,15 +182,10 @@ class Trajectory:
             for tick in self.ticks
         ]
 
-    def tracking(self, robot: str = "") -> list[TrackingRow]:
-        """Return time [s], tracking state and reason of the finished rows that have them."""
+    def lost(self, robot: str = "") -> dict[str, float]:
+        """Return the share of time in which a robot had lost its person, by reason."""
         column = self._columns.get((robot or self.scenario.names[0], keys.FOLLOWER_STATE), {})
-        tick_s = self.scenario.sim.tick_ns / 1e9
-        return [
-            (tick * tick_s, *cast(tuple[str, str], column[tick][-2:]))
-            for tick in self.ticks
-            if tick in column
-        ]
+        return lost_shares(column[tick][-2:] for tick in self.ticks if tick in column)
 
     def csv(self) -> bytes:
         """Return the rows as CSV, each number with all its digits."""
@@ -228,7 +226,7 @@ class Trajectory:
         robots = self._poses(robot, keys.GROUND_TRUTH)
         pairs = [(robots[tick], person) for tick, person in persons.items() if tick in robots]
         pairs = list(dropwhile(lambda pair: pair[1] == pairs[0][1], pairs))
-        lost = lost_shares(self.tracking(robot))
+        lost = self.lost(robot)
         if not pairs:
             return Scores(d_err_m=None, theta_err_deg=None, lost=lost)
         errors = [standoff.errors(person, robot) for robot, person in pairs]
@@ -280,6 +278,22 @@ class Trajectory:
         return {
             tick: Pose2D(*cast(Pose2D, column[tick][:3])) for tick in self.ticks if tick in column
         }
+
+
+def lost_shares(states: Iterable[Row]) -> dict[str, float]:
+    """Return the share of tracking states, each with its reason, that are lost, by reason."""
+    reasons = [str(reason) if state in LOST else None for state, reason in states]
+    counts = Counter(reason for reason in reasons if reason is not None)
+    return {reason: count / len(reasons) for reason, count in counts.most_common()}
+
+
+def sentence(shares: Mapping[str, float]) -> str:
+    """Return how long a person was lost and why, from `lost_shares`; empty if never."""
+    if not shares:
+        return ""
+    parts = [f"{reason} {share:.0%}" for reason, share in [*shares.items()][:NAMED_REASONS]]
+    reasons = ", ".join(parts) if len(shares) > 1 else next(iter(shares))
+    return f"lost {sum(shares.values()):.0%} of the time: {reasons}"
 
 
 def _begins(touching: Iterable[bool]) -> int:

@@ -29,23 +29,16 @@ class Unseen(StrEnum):
     LEFT = "out of view to the left"
     RIGHT = "out of view to the right"
     SHOULDERS = "shoulders not in the camera's view"
-    """The trunk is above the view."""
     BELOW = "below the camera's view"
     TOO_NEAR = "too near"
     TOO_FAR = "out of range"
-    BOX = "hidden by a box"
-    CYLINDER = "hidden by a cylinder"
+    OBSTACLE = "hidden by an obstacle"
     WALL = "hidden by a wall"
-    TABLE = "hidden by a table"
-    RAMP = "hidden by a ramp"
     PERSON = "hidden by another person"
     ROBOT = "hidden by another robot"
-    BLIND = "the sensor sees nothing"
-    """As configured: `occlusions_s` or `dropout_probability`."""
+    BLIND = "the sensor sees nothing"  # as configured
     IMPLAUSIBLE = "only implausible detections"
-    """The gate of the follower's association rejects all detections."""
-    EMPTY = "not in the sensor's frames"
-    """The sensor gives no reason, and by the estimate the person is in its view."""
+    EMPTY = "not in the sensor's frames"  # although in view, by the estimate
     NO_FRAMES = "no frames from the sensor"
 
 

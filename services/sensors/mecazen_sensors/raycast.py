@@ -59,7 +59,8 @@ class RayScene:
     def __init__(self, world: WorldConfig, robots: Sequence[Robot] = (), people: int = 1) -> None:
         self.people = people
         shapes = [_geom("plane", (0.0, 0.0, 1.0)), *map(_solid, world.solids)]
-        self._solids = _words(world)
+        self._obstacles, self._solids = len(world.obstacles), len(world.solids)
+        self._walls = sum(1 for wall in world.walls for _ in wall.boxes())
         person = "".join(_geom("capsule", (0.1, 0.1)) for _ in LIMBS)
         bodies = [*map(_robot, robots), *[person] * people]
         moving = "".join(f'<body mocap="true">{body}</body>' for body in bodies)
@@ -92,10 +93,10 @@ class RayScene:
         return self._people[person]
 
     def hidden_by(self, geom: int) -> Unseen:
-        """Return what hides a person behind a geom; the ground hides no one."""
-        if geom <= len(self._solids):
-            return self._solids[geom - 1]
-        return Unseen.ROBOT if geom < self._people[0].start else Unseen.PERSON
+        """Return the word for a person behind a geom."""
+        if geom > self._solids:
+            return Unseen.ROBOT if geom < self._people[0].start else Unseen.PERSON
+        return Unseen.WALL if 0 < geom - self._obstacles <= self._walls else Unseen.OBSTACLE
 
     def place_robot(self, robot: int, pose: Pose2D) -> None:
         """Put a robot at a pose in the world, on the ground."""
@@ -196,16 +197,6 @@ def _geom(
 ) -> str:
     sizes, place = (" ".join(map(repr, numbers)) for numbers in (size, position))
     return f'<geom type="{kind}" size="{sizes}" pos="{place}" euler="{roll_deg} 0 {yaw_deg}"/>'
-
-
-def _words(world: WorldConfig) -> list[Unseen]:
-    """Return the word for each of `world.solids`."""
-    return [
-        *(Unseen.BOX if isinstance(solid, Box) else Unseen.CYLINDER for solid in world.obstacles),
-        *(Unseen.WALL for wall in world.walls for _ in wall.boxes()),
-        *(Unseen.TABLE for table in world.tables for _ in table.boxes()),
-        *(Unseen.RAMP for ramp in world.ramps for _ in ramp.boxes()),
-    ]
 
 
 def _solid(solid: Box | Cylinder) -> str:

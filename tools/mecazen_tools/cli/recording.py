@@ -214,7 +214,6 @@ def info(
     """Show the contents of a recording: runs, keys, counts, rates and gaps."""
     from mecazen_recorder.reader import Recording
 
-    from mecazen_tools.losses import sentence
     from mecazen_tools.recording_info import inspect
 
     recording = Recording(file)
@@ -237,10 +236,8 @@ def info(
         robots = f", robots {', '.join(run.robots)}" if run.robots else ""
         span = f"{run.begin_s:g} to {run.end_s:g} s"
         typer.echo(f"run {run.run}{seed}{robots}: {span}{known}")
-        for name, shares in run.lost.items():
-            typer.echo(printable(f"  {name or 'robot'}: {sentence(shares)}"))
-        for change in run.changes:
-            typer.echo(printable(f"  changed at {change}"))
+        for line in (*run.lost, *(f"changed at {change}" for change in run.changes)):
+            typer.echo(printable(f"  {line}"))
 
 
 def score(

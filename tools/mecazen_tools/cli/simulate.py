@@ -23,9 +23,8 @@ from typer import Option
 from mecazen_tools import INTERRUPTED, drawing, files
 from mecazen_tools import simulate as runs
 from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load, warn
-from mecazen_tools.losses import sentence
 from mecazen_tools.simulate import InterruptedRun, Result, Summary
-from mecazen_tools.trajectory import Scores, Trajectory
+from mecazen_tools.trajectory import Scores, Trajectory, sentence
 
 RECORDER = "recorder"
 

@@ -75,32 +75,13 @@ class ServiceStatus(msgspec.Struct, frozen=True):
     """Wall time since the newest report of a service of the scenario."""
 
 
-class Followed(msgspec.Struct, frozen=True):
-    """How a robot follows its person."""
-
-    tracking: str
-    reason: str
-    """Why the person is not seen; empty while following."""
-    distance_error_m: float | None
-    """Distance to the person minus the standoff's; None if it is not known."""
-    is_true: bool
-    """Whether the error is that of the true poses, or else of the follower's estimate."""
-
-    def __str__(self) -> str:
-        state = printable(f"{self.tracking}: {self.reason}" if self.reason else self.tracking)
-        if self.distance_error_m is None:
-            return state
-        kind = "true" if self.is_true else "estimated"
-        return f"{state}, {self.distance_error_m:+.3f} m off ({kind})"
-
-
 class Status(msgspec.Struct, frozen=True):
     """The output of `mecazen status --json`."""
 
     sim: SimState | None
     """None if no simulation runs."""
     services: dict[str, ServiceStatus]
-    followed: dict[str, Followed] = {}
+    followed: dict[str, str] = {}
     """How each robot with a follower follows, by its name; empty for a single robot."""
     drives: dict[str, str] = {}
     """Who drives each robot, by its name."""
@@ -149,26 +130,26 @@ class Diagnostics:
             name: self._service(name, alive, _stale_s(sim))
             for name in dict.fromkeys((*self._parts, *sorted(names)))
         }
-        following = (name.rpartition("/")[0] for name in services if name.endswith("follower"))
-        reports = {robot: self.followed(robot) for robot in following}
-        followed = {robot: report for robot, report in reports.items() if report is not None}
+        owners = (name.rpartition("/")[0] for name in services if name.endswith("follower"))
+        followed = {robot: text for robot in owners if (text := self.followed(robot))}
         warnings = (*self.contests(), *self._warnings())
         return Status(sim, services, followed, self.drives(), warnings)
 
-    def followed(self, robot: str) -> Followed | None:
-        """Return how a robot follows; None if its follower does not report it."""
-        report, target = (
-            self.reports.get(join_key(service, robot), {}) for service in ("follower", "target")
-        )
-        if "tracking" not in report:
-            return None
-        error_m = number(target, "true_distance_error_m")
-        return Followed(
-            report["tracking"],
-            report.get("reason", ""),
-            number(report, "distance_error_m") if error_m is None else error_m,
-            is_true=error_m is not None,
-        )
+    def followed(self, robot: str) -> str:
+        """Return tracking state, reason and distance error as text; empty if not reported.
+
+        The error is the true one, or without the truth that of the follower's estimate.
+        """
+        report = self.reports.get(join_key("follower", robot), {})
+        target = self.reports.get(join_key("target", robot), {})
+        text = ": ".join(filter(None, (report.get("tracking"), report.get("reason"))))
+        for error_m, kind in (
+            (number(target, "true_distance_error_m"), "true"),
+            (number(report, "distance_error_m"), "estimated"),
+        ):
+            if text and error_m is not None:
+                return printable(f"{text}, {error_m:+.3f} m off ({kind})")
+        return printable(text)
 
     def programs(self) -> dict[str, list[str]]:
         """Return the names of the programs that have just published, by open key."""
@@ -290,8 +271,7 @@ def screen(status: Status, width: int = SCREEN_WIDTH) -> Group:
         )
     warnings = [Text(f"warning: {printable(text)}", "yellow") for text in status.warnings]
     followed = [
-        Text(f"{printable(robot) or 'robot'}: {report}")
-        for robot, report in status.followed.items()
+        Text(f"{printable(name) or 'robot'}: {text}") for name, text in status.followed.items()
     ]
     return Group(Text(_headline(status), "bold"), *followed, fitting(table, width), *warnings)
 

@@ -251,11 +251,10 @@ def overview(diagnostics: Diagnostics, scenario: Scenario) -> tuple[float, str]:
 def _overview_of(robot: str, diagnostics: Diagnostics, late_s: float) -> list[str]:
     """Return the state of a robot, its person and its follower."""
     target, follower = join_key("target", robot), join_key("follower", robot)
-    followed = diagnostics.followed(robot)
     texts = {
         "physics": _place(robot or "robot", diagnostics.reports.get("physics", {}), robot),
         target: _place("person", diagnostics.reports.get(target, {})),
-        follower: "" if followed is None else str(followed),
+        follower: diagnostics.followed(robot),
     }
     parts = []
     for service, text in texts.items():
