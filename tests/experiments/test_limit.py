@@ -1,14 +1,17 @@
-"""The bound of the estimate of a random walker, against filterpy's filter of its linear part."""
+"""The limit of following: the bound of the estimate, and the oracle, which knows the person."""
 
 import math
 
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
+from harness import SCENARIOS
 from mecazen.config import SensorConfig
 from mecazen.config.people import Wander
-from mecazen_experiments.limit import pose_covariances, target_covariances
+from mecazen.loading import load_scenario, parse_settings
+from mecazen_experiments.limit import ORACLE, pose_covariances, target_covariances
 from mecazen_people.wander import DIFFUSION, RELAXATION_1_S, walker
+from mecazen_tools.simulate import simulate
 from scipy.linalg import expm
 
 NUMBER = 11
@@ -46,3 +49,14 @@ def test_a_better_sensor_has_a_lower_bound():
     low, high = (pose_covariances(path, sensor, 10.0) for sensor in (better, SENSOR))
     assert (np.linalg.eigvalsh(high - low) > -1e-12).all()
     assert (np.linalg.eigvalsh(high)[:, 0] > 0.0).all()
+
+
+@pytest.mark.parametrize("scenario", ["back", "side"])
+def test_the_error_of_an_oracle_is_that_of_the_robot(scenario):
+    blind = parse_settings(
+        ["sim.duration_s=4", "sensor.occlusions_s=[[0, 100]]"]
+    )  # needs no sensor
+    oracle, _ = simulate(load_scenario(SCENARIOS / f"{scenario}.toml", blind | ORACLE), scenario)
+    # 0.2 m/s take 0.08 s at 2.5 m/s²: 8 mm at the start, and no more later
+    assert oracle.d_err_m < 2e-3
+    assert oracle.theta_err_deg < 0.1

@@ -1,14 +1,12 @@
-"""Runs over made-up workers, and the store that keeps them."""
+"""The store of finished runs, the retries of failed ones, and the keys by which runs are found."""
 
-import signal
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 
 import pytest
 from harness import error_of
 from mecazen.errors import ConfigError, MecazenError
+from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments import runs, versions
 from mecazen_experiments.expansion import Job
 from mecazen_experiments.runs import RunsFailedError, Store, local_workers, run_all
@@ -23,7 +21,7 @@ def done(monkeypatch):
         if job.seed == 9:
             raise MecazenError("out of the world")
         seeds.append(job.seed)
-        return {"x": job.seed / 3.0, "y": None}
+        return {"x": job.seed / 3.0, "y": float("nan")}
 
     monkeypatch.setattr(runs, "run", run)
     return seeds
@@ -68,75 +66,39 @@ def test_a_run_that_fails_is_named_and_all_others_are_kept(store):
     assert store.find(f"key {n}" for n in (1, 9, 3)).keys() == {"key 1", "key 3"}
 
 
-def test_a_result_that_is_not_finite_is_missing_and_the_first_stays(store):
-    assert store.add("a", {"x": float("nan"), "n": 1}) == {"x": None, "n": 1}
-    assert store.add("a", {"x": 2.0, "n": 1}) == {"x": None, "n": 1}
-    assert store.find(["a", "b"]) == {"a": {"x": None, "n": 1}}
-
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from mecazen_experiments.runs import Store
-store = Store(Path(sys.argv[1]))
-store.add("a", {"x": 1.0})
-store._database.execute("begin immediate")
-store.add("b", {"x": 1.0})
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_a_command_that_is_killed_while_it_writes_keeps_earlier_runs(tmp_path):
-    file = tmp_path / "store.sqlite"
-    killed = subprocess.run([sys.executable, "-c", KILLED, file], check=False)
-    assert killed.returncode == -signal.SIGKILL
-    with closing(Store(file)) as store:
-        assert store.find(["a", "b"]) == {"a": {"x": 1.0}}
-        store.add("b", {"x": 2.0})
-
-
-@pytest.mark.parametrize("name", ["text.sqlite", "none/store.sqlite", "other.sqlite"])
+@pytest.mark.parametrize("name", ["text.sqlite", "none/store.sqlite", "foreign.sqlite"])
 def test_what_can_t_be_a_store_is_one_line(tmp_path, name):
-    (tmp_path / "text.sqlite").write_text("no database, but long enough to look like one" * 10)
-    with closing(sqlite3.connect(tmp_path / "other.sqlite")) as database:
+    (tmp_path / "text.sqlite").write_text("no database, but long enough to look like it" * 10)
+    with closing(sqlite3.connect(tmp_path / "foreign.sqlite")) as database:
         database.execute("create table runs (name)")
     assert name in error_of(MecazenError, lambda: Store(tmp_path / name).find(["a"]))
 
 
 def test_the_version_changes_with_what_a_run_loads_and_nothing_else(tmp_path, monkeypatch):
-    def write(name, text):
-        file = tmp_path / name
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(text)
+    caches = versions.version, versions.loaded, versions._file_of, versions._tree
 
-    def version():
-        for cached in (versions.version, versions.loaded, versions._file_of, versions._tree):
+    def version(**files):
+        for name, text in files.items():
+            file = tmp_path / "mecazen_made" / name.replace("_csv", ".csv")
+            file.parent.mkdir(exist_ok=True)
+            file.with_suffix(file.suffix or ".py").write_text(text)
+        for cached in caches:
             cached.cache_clear()
         return versions.version("mecazen_made.run")
 
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(versions, "SERVICES", ())
-    write("mecazen_made/__init__.py", "")
-    write("mecazen_made/run.py", '"""Text."""\ndef f():\n    from mecazen_made import late\n')
-    write("mecazen_made/late.py", "A = 1\n")
-    write("mecazen_made/apart.py", "A = 1\n")
-    write("mecazen_made/norm.csv", "1")
-    before = version()
-    write("mecazen_made/apart.py", "A = 2\n")
-    write("mecazen_made/late.py", "# a comment\nA = 1\n")
-    write("mecazen_made/run.py", '"""Other."""\n\ndef f():\n    from mecazen_made import late\n')
-    assert version() == before
-    write("mecazen_made/late.py", "A = 2\n")
-    code = version()
-    write("mecazen_made/norm.csv", "2")
-    assert len({before, code, version()}) == 3
-    for cached in (versions.version, versions.loaded, versions._file_of, versions._tree):
+    late = "def f():\n    from mecazen_made import late\n"
+    before = version(
+        __init__="", run=f'"""Text."""\n{late}', late="A = 1", apart="A = 1", norm_csv="1"
+    )
+    assert version(apart="A = 2", late="# a comment\nA = 1", run=f'"""New."""\n\n{late}') == before
+    assert len({before, version(late="A = 2"), version(norm_csv="2")}) == 3
+    for cached in caches:
         cached.cache_clear()
 
 
 def test_the_fingerprint_covers_the_content_of_files_and_not_their_names(folder):
-    from mecazen.loading import load_scenario, parse_settings
-
     def key(*settings):
         settings = parse_settings(settings)
         return versions.fingerprint(load_scenario(folder.path / "short.toml", settings))

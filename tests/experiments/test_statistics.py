@@ -12,25 +12,21 @@ def normal(seed, n=30, mean=2.0, deviation=1.0):
     return np.random.default_rng(seed).normal(mean, deviation, n).tolist()
 
 
-@pytest.mark.parametrize("n", [1, 30])
-def test_equal_values_have_no_width(n):
-    assert mean_interval([0.1] * n) == Interval(mean=0.1, low=0.1, high=0.1, n=n)
-
-
-def test_no_value_is_an_error():
+def test_an_interval_of_equal_values_has_no_width_and_of_none_is_an_error():
+    assert mean_interval([0.1] * 30) == Interval(mean=0.1, low=0.1, high=0.1, n=30)
     with pytest.raises(ValueError, match="no values"):
         mean_interval([])
 
 
 def test_an_interval_is_that_of_student():
     # n = 2: tan(0.475 pi) = 12.706 times the half distance of the values, 0.5
-    found = mean_interval([1.0, 2.0])
-    assert (found.low, found.high) == pytest.approx((1.5 - 6.353, 1.5 + 6.353), abs=1e-3)
-    assert found.values == pytest.approx((1.0, 2.0), abs=1e-12)  # a few roundings
+    interval = mean_interval([1.0, 2.0])
+    assert (interval.low, interval.high) == pytest.approx((1.5 - 6.353, 1.5 + 6.353), abs=1e-3)
+    assert interval.values == pytest.approx((1.0, 2.0), abs=1e-12)  # a few roundings
     # n = 5: 2.776 (table of Student's distribution) times the deviation sqrt(2.5) / sqrt(5)
-    found = mean_interval([1.0, 2.0, 3.0, 4.0, 5.0])
+    interval = mean_interval([1.0, 2.0, 3.0, 4.0, 5.0])
     half = 2.776 * math.sqrt(2.5 / 5.0)
-    assert (found.low, found.high) == pytest.approx((3.0 - half, 3.0 + half), abs=1e-3)
+    assert (interval.low, interval.high) == pytest.approx((3.0 - half, 3.0 + half), abs=1e-3)
 
 
 @pytest.mark.parametrize("n", range(2, 31))
@@ -49,21 +45,21 @@ def test_95_of_100_intervals_of_a_median_over_sessions_hold_it(sessions):
     for _ in range(rounds):
         effects = 0.2 * random.normal(size=(sessions, 1))
         drawn = [*np.exp(effects + 0.5 * random.normal(size=(sessions, 80)))]
-        (found,) = jackknife(lambda kept: [float(np.median(np.concatenate(kept)))], drawn)
-        assert found.mean == pytest.approx(np.median(np.concatenate(drawn)))
-        held += found.low <= 1.0 <= found.high
+        (interval,) = jackknife(lambda kept: [float(np.median(np.concatenate(kept)))], drawn)
+        assert interval.mean == pytest.approx(np.median(np.concatenate(drawn)))
+        held += interval.low <= 1.0 <= interval.high
     # 0.036 is 4 deviations sqrt(0.95 * 0.05 / 600); a bootstrap holds it in 48 % for two sessions
     assert held / rounds == pytest.approx(0.95, abs=0.036)
 
 
 def test_a_jackknife_of_means_is_their_interval():
     values = [1.0, 2.0, 3.0, 4.0, 5.0]
-    (found,) = jackknife(lambda kept: [math.fsum(kept) / len(kept)], values)
+    (interval,) = jackknife(lambda kept: [math.fsum(kept) / len(kept)], values)
     direct = mean_interval(values)
-    assert (found.low, found.high) == pytest.approx((direct.low, direct.high))
+    assert (interval.low, interval.high) == pytest.approx((direct.low, direct.high))
     assert jackknife(lambda kept: [kept[0]], [2.0]) == [Interval(2.0, 2.0, 2.0, 1)]
-    (found,) = jackknife(lambda kept: [math.nan if 1.0 not in kept else 7.0], values)
-    assert (found.mean, math.isnan(found.low), math.isnan(found.high)) == (7.0, True, True)
+    (interval,) = jackknife(lambda kept: [math.nan if 1.0 not in kept else 7.0], values)
+    assert (interval.mean, math.isnan(interval.low), math.isnan(interval.high)) == (7.0, True, True)
 
 
 @pytest.mark.parametrize(
@@ -75,9 +71,9 @@ def test_a_jackknife_of_means_is_their_interval():
     ],
 )
 def test_a_share_of_successes_has_its_exact_interval(successes, n, low, high):
-    found = share_interval([True] * successes + [False] * (n - successes))
-    assert (found.mean, found.n) == (pytest.approx(100.0 * successes / n), n)
-    assert (found.low, found.high) == pytest.approx((low, high), abs=1e-3)
+    interval = share_interval([True] * successes + [False] * (n - successes))
+    assert (interval.mean, interval.n) == (pytest.approx(100.0 * successes / n), n)
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=1e-3)
 
 
 @pytest.mark.parametrize(("events", "most"), [(0, 2.996), (1, 4.744), (3, 7.754)])
