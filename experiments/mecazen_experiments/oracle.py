@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from mecazen.config.follower import Params
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.keys import CMD_VEL, FOLLOWER_STATE, GROUND_TRUTH, OBSERVATION, ODOM, SCAN
-from mecazen.keys import TARGET_ODOM, Topic
+from mecazen.keys import (
+    CMD_VEL,
+    FOLLOWER_STATE,
+    GROUND_TRUTH,
+    OBSERVATION,
+    ODOM,
+    SCAN,
+    TARGET_ODOM,
+    Topic,
+)
 from mecazen.messages import Observation
 from mecazen.node import Inputs
 from mecazen.row import Row, due, every
