@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 import tomllib
 from contextlib import closing, nullcontext
@@ -24,23 +22,8 @@ from harness import (
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.loading import effective, load_scenario
-from mecazen_tools.cli import main, simulate
+from mecazen_tools.cli import simulate
 from mecazen_tools.processes import private_router
-
-
-@pytest.fixture
-def here(monkeypatch, capsys):
-    """Run a command as `harness.mecazen` does, but in this process, which has started already."""
-
-    def run(*arguments, **variables):
-        for name, value in {"COLUMNS": "160", "TERM": "dumb", **variables}.items():
-            monkeypatch.setenv(name, value)
-        monkeypatch.setattr(sys, "argv", ["mecazen", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return subprocess.CompletedProcess(arguments, ended.value.code, *capsys.readouterr())
-
-    return run
 
 
 def test_the_printed_configuration_is_whole_and_loads_again(here, tmp_path):

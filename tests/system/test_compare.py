@@ -2,7 +2,6 @@
 
 import msgspec
 import pytest
-from harness import mecazen
 from mecazen_tools.comparison import FollowerRun, compare
 from mecazen_tools.simulation import Simulation
 
@@ -11,10 +10,10 @@ DURATION_S = 1.5
 NEARER = "follower.standoff_m=0.9"
 
 
-def test_each_follower_gets_the_scores_of_simulate_and_is_compared_seed_by_seed(tmp_path):
+def test_each_follower_gets_the_scores_of_simulate_and_is_compared_seed_by_seed(here, tmp_path):
     picture = tmp_path / "comparison.pdf"
     options = ("--seeds", 2, "--duration", DURATION_S, "--json", "-o", picture)
-    done = mecazen("compare", "back", NEARER, "default", *options)
+    done = here("compare", "back", NEARER, "default", *options)
     assert (done.returncode, done.stderr) == (0, "")
     assert picture.read_bytes().startswith(b"%PDF")
     result = msgspec.json.decode(done.stdout)

@@ -67,16 +67,18 @@ def test_the_templates_are_the_examples_that_the_documents_show():
         assert all(f"\n{files[name]}```" in page for page in pages), name
 
 
-def test_a_new_process_is_the_example(tmp_path):
+def test_a_new_process_is_the_example(here, monkeypatch, tmp_path):
     # test_driving.py runs it
-    assert mecazen("new", "process", "lead", folder=tmp_path).returncode == 0
+    monkeypatch.chdir(tmp_path)
+    assert here("new", "process", "lead").returncode == 0
     example = ROOT / "examples" / "new" / "my_process.py"
     assert (tmp_path / "lead.py").read_text() == example.read_text()
 
 
 @pytest.mark.parametrize("kind", ["follower", "sensor", "robot", "study"])
-def test_a_new_file_runs_by_the_commands_that_are_printed(kind, tmp_path):
-    done = mecazen("new", kind, f"lead_{kind}", folder=tmp_path)
+def test_a_new_file_runs_by_the_commands_that_are_printed(kind, here, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    done = here("new", kind, f"lead_{kind}")
     assert (done.returncode, done.stderr) == (0, "")
     (file,) = tmp_path.iterdir()
     assert not re.search(rf"my_{kind}|My{kind.title()}", file.read_text())
@@ -85,9 +87,9 @@ def test_a_new_file_runs_by_the_commands_that_are_printed(kind, tmp_path):
     for command in commands:
         words = shlex.split(command.replace("mecazen up", "mecazen simulate"))[1:]
         short = SHORTER.get(words[0], ("--duration", "2"))
-        ran = mecazen(*words, *short, folder=tmp_path)
+        ran = here(*words, *short)
         assert ran.returncode == 0, ran.stderr
-    again = mecazen("new", kind, f"lead_{kind}", folder=tmp_path)
+    again = here("new", kind, f"lead_{kind}")
     assert_one_line(again, 2, file.name, "exists already")
 
 
@@ -97,8 +99,8 @@ SHORTER = {
 }
 
 
-def test_the_scenarios_are_listed_with_a_sentence():
-    shown = mecazen("scenarios").stdout
+def test_the_scenarios_are_listed_with_a_sentence(here):
+    shown = here("scenarios").stdout
     for file in SCENARIOS.glob("*.toml"):
         assert re.search(rf"│ {file.stem} +│ [A-Z]\w* ", shown), file
 

@@ -121,17 +121,17 @@ def test_a_recording_has_the_trajectory_and_the_scores_of_the_run(tmp_path):
         assert recorded.contacts(robot) == sim.contacts(robot)
 
 
-def test_a_recording_is_scored_whichever_program_drove(tmp_path):
+def test_a_recording_is_scored_whichever_program_drove(here, tmp_path):
     file = tmp_path / "run.mcap"
     services = {"services": ["physics", "controller", "target"]}
     with Simulation("back", services, duration_s=2.0, record=file) as sim:
         sim.command(vx=0.2)
         sim.run()
         expected = sim.scores()
-    done = mecazen("score", file, "--json")
+    done = here("score", file, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     (scores,) = json.loads(done.stdout).values()
     measured = scores["d_err_m"], scores["theta_err_deg"]
     assert measured == (expected.d_err_m, expected.theta_err_deg)
-    shown = mecazen("score", file, file)
+    shown = here("score", file, file)
     assert f"{expected.d_err_m:.4f} m" in shown.stdout
