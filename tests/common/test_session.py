@@ -103,7 +103,8 @@ def test_a_router_limits_rate_per_link_and_key_and_size(free_port):
     options = {"most_hz": 1e-3, "robots": ("one", "two"), "renamed": {"one/cmd_vel": "one/drive"}}
     router = open_session(config, "router", **options)
     with router, closing(ZenohBus(config, "client")) as near:
-        near.subscribe_bytes("*/*", lambda key, payload, *_: samples.append((key, payload)))
+        for keys in ("*/*", "*/diagnostics/*"):
+            near.subscribe_bytes(keys, lambda key, payload, *_: samples.append((key, payload)))
         near.subscribe_bytes("end/*/*", lambda key, *_: ends.add(key))
 
         def put(end, payload, *names):
@@ -119,7 +120,8 @@ def test_a_router_limits_rate_per_link_and_key_and_size(free_port):
                 links[-1].put(b"")  # on the same link: what came before it has arrived with it
                 wait(near, lambda: end in ends)
 
-        limited = ("one/drive", "one/odom", "two/odom", "two/cmd_vel")
+        services = ("one/diagnostics/target", "one/diagnostics/follower")  # of one process
+        limited = ("one/drive", "one/odom", "two/odom", "two/cmd_vel", *services)
         put("end/of/flood", b"1", *limited)
         put("end/of/size", bytes((1 << 16) + 1), *limited)
         put("end/of/other", b"2", *limited)

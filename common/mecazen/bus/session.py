@@ -18,7 +18,7 @@ import zenoh
 
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
-from mecazen.keys import TOPICS, Topic
+from mecazen.keys import DIAGNOSTICS, TOPICS, Topic, diagnostics
 from mecazen.robots import join_key
 from mecazen.wire import MAX_PAYLOAD_BYTES
 
@@ -165,11 +165,15 @@ def _filters(
     ]
     settings: dict[str, Any] = {"low_pass_filter": [at_entry | rule for rule in sizes]}
     if most_hz is not None:
+        from mecazen.graph import SERVICES  # noqa: PLC0415  # of a router only
+
         # two keys of one rule would share its rate: physics publishes for all robots at once, and
-        # one process may publish both follower's and guard's cmd_vel
+        # one process may publish both follower's and guard's cmd_vel, or all diagnostics
+        single: list[Topic[Any]] = [topic for topic in TOPICS if topic is not DIAGNOSTICS]
+        single += map(diagnostics, SERVICES)
         rates = [
             {"key_expr": expression, "freq": most_hz}
-            for robot, topic in (*product(robots, TOPICS), *product([""], moved))
+            for robot, topic in (*product(robots, single), *product([""], moved))
             for expression in _expressions(config, topic, robot, config.namespace or "")
         ]
         settings["downsampling"] = [at_entry | {"id": "rate of samples", "rules": rates}]
