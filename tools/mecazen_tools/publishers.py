@@ -75,8 +75,8 @@ class Programs:
         declared = [program for program in self.publishers[key] if program not in self._services]
         active = [program for program in senders if program != UNNAMED] if senders else declared
         if UNNAMED in senders:
-            own = f"pid {os.getpid()}:"
-            silent = [program for program in self._silent if not self.name(program).startswith(own)]
+            tool = f"pid {os.getpid()}:"
+            silent = [p for p in self._silent if not self.name(p).startswith(tool)]
             unnamed = [program for program in declared if program not in active]
             active += unnamed or (silent if len(silent) == 1 else [UNNAMED])
         return [self.name(program) for program in active]
