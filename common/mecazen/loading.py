@@ -338,8 +338,11 @@ def _take_sensors(raw: dict[str, Any]) -> None:
         needed.append("follower")
     if "guard" in wanted:
         needed.append("guard")
-    crowd = raw.get("crowd")
+    crowd, world = raw.get("crowd"), raw.get("world")
     walks = isinstance(crowd, dict) and (crowd.get("walkers") or crowd.get("reactive"))
+    added = world.get("added") if isinstance(world, dict) else None
+    if isinstance(added, dict):
+        walks = walks or any(thing.get("kind") == "person" for thing in _tables([*added.values()]))
     if walks or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):
         needed.append("crowd")
     raw["services"] = [*listed, *(name for name in needed if name not in listed)]

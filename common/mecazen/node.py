@@ -158,6 +158,12 @@ class Node(ABC):
                     vars(self)[attribute] = getattr(scenario, name)
         self.scenario = scenario
 
+    def check_world(self, scenario: Scenario) -> None:  # noqa: B027  # most allow every change
+        """Raise ConfigError if the state of the run does not allow a changed world.
+
+        Only nodes in the process of the clock are asked, before `configure`.
+        """
+
     def diagnostics(self) -> Mapping[str, object]:
         """Return values on the node's health, by name; called once a simulated second."""
         return {}

@@ -6,16 +6,20 @@ by its key and in TOML, with the same ranges.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+import msgspec
 import msgspec.inspect as mi
 
 from mecazen.config import Scenario
+from mecazen.config.people import Passerby
+from mecazen.config.world import Box, Cylinder
 from mecazen.errors import ConfigError
 from mecazen.explain import describe, suggestion
 from mecazen.files import parse_value, to_value
-from mecazen.graph import SERVICES
+from mecazen.graph import CROWD, SERVICES
 from mecazen.loading import convert, effective, in_toml, override
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
 from mecazen.schema import Section, is_live, members
@@ -23,6 +27,9 @@ from mecazen.text import printable
 
 ROBOTS = "robots"
 """First part of the keys of one robot's parameters; the robot's name is the second part."""
+ADDED = "world.added."
+"""Begin of the keys of boxes and people in the world that were added; their names follow."""
+THING: Any = Box | Cylinder | Passerby
 
 UNITS = {
     "m": "m",
@@ -51,6 +58,7 @@ def parameters(scenario: Scenario) -> dict[str, LiveSetting]:
     """Return the parameters of the services that take part, by their keys.
 
     With several robots, each robot also has its own parameters: `robots.two.follower.standoff_m`.
+    So has each addition to the world: `world.added.crate`.
     """
     live = {
         f"{name}.{key}": parameter
@@ -65,7 +73,10 @@ def parameters(scenario: Scenario) -> dict[str, LiveSetting]:
             if name in robot.__struct_fields__
             for key, parameter in _within(getattr(part, name, None))
         }
-    return live
+    return live | {
+        ADDED + name: LiveSetting(msgspec.to_builtins(thing), mi.type_info(type(thing)))
+        for name, thing in scenario.world.added.items()
+    }
 
 
 def _within(section: object) -> Iterator[tuple[str, LiveSetting]]:
@@ -153,6 +164,30 @@ def refuse_unknown(scenario: Scenario, settings: Iterable[str]) -> None:
         raise ConfigError(printable(f"{key}: {problem}"))
 
 
+def refuse_names(scenario: Scenario, things: Mapping[str, Any]) -> None:
+    """Refuse to add what exists, and to remove what was not added to the world of a scenario.
+
+    Raises:
+        ConfigError: As above, or a name can't be used, or the world is not simulated.
+    """
+    added = scenario.world.added
+    people = {robot or "target" for robot in scenario.names}
+    for key, value in things.items():
+        name = key.removeprefix(ADDED)
+        if "physics" not in scenario.services:
+            problem = "the world of a real robot can't be changed"
+        elif value is None and name not in added:
+            known = f"added: {', '.join(added)}" if added else "nothing was"
+            problem = f"was not added; {suggestion(name, added).strip() or known}"
+        elif value is not None and name in added:
+            problem = f"exists already; `mecazen world remove {name}` takes it away"
+        elif name in people or not re.fullmatch("(?!walker_)[A-Za-z0-9_-]+", name):
+            problem = "a name has letters, digits, _ and -, and is no person's of the scenario"
+        else:
+            continue
+        raise ConfigError(printable(f"{name}: {problem}"))
+
+
 def _is_setting(scenario: Scenario, key: str) -> bool:
     """Return whether the configuration has a key."""
     value: Any = scenario
@@ -168,7 +203,10 @@ def changed(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
         ConfigError: A value, or the scenario with it, is not allowed.
     """
     values: dict[str, Any] = {}
-    for key, value in in_toml(settings).items():
+    settings = in_toml(settings)
+    for key, value in settings.items():
+        if key.startswith(ADDED):
+            continue
         section = key.partition(".")[0]
         for robot in scenario.robots:
             of_robot = f"{ROBOTS}.{robot.name}.{key}"
@@ -178,4 +216,24 @@ def changed(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
     tables, types = effective(scenario), mi.type_info(type(scenario))
     for key, value in values.items():
         override(tables, types, key, value)
-    return convert(tables, type(scenario), "")
+    return with_added(convert(tables, type(scenario), ""), settings)
+
+
+def with_added(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
+    """Return a scenario with the settings of things in its world; None removes a thing.
+
+    Raises:
+        ConfigError: A value is not allowed, or no node simulates the people.
+    """
+    added = dict(scenario.world.added)
+    for key, value in settings.items():
+        if key.startswith(ADDED):
+            name = key.removeprefix(ADDED)
+            added.pop(name, None)
+            if value is not None:
+                added[name] = convert(value, THING, "", prefix=key)
+    world = msgspec.structs.replace(scenario.world, added=added)
+    if world.passersby and CROWD not in scenario.services:
+        services = to_value((*scenario.services, CROWD))
+        raise ConfigError(f"people need the crowd: start with --set 'services={services}'")
+    return msgspec.structs.replace(scenario, world=world)

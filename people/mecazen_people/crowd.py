@@ -147,7 +147,9 @@ class Pedestrians:
         radius: float,
         seed: int,
     ) -> None:
-        self._errands, self._obstacles, self._radius = errands, obstacles, radius
+        self._errands, self._radius = errands, radius
+        self.obstacles = obstacles
+        """The obstacles of the world, to which the walkers give way."""
         self._places: Floats = np.array([errand.start[:2] for errand in errands]).reshape(-1, 2)
         self._velocities: Floats = np.zeros_like(self._places)
         self._fastest = np.array([forces.FASTEST * errand.speed for errand in errands])
@@ -163,7 +165,7 @@ class Pedestrians:
         preferred = np.array([self._preferred(n, time) for n in range(len(self._errands))])
         force = (preferred - self._velocities) / forces.RELAXATION_S
         force += self._repulsion(preferred, agents)
-        force += forces.from_obstacles(self._places, self._obstacles)
+        force += forces.from_obstacles(self._places, self.obstacles)
         chance = np.array([random.standard_normal(2) for random in self._random])
         force = forces.limited(force, forces.STRONGEST_M_S2) + forces.FLUCTUATION_M_S2 * chance
         self._velocities = forces.limited(self._velocities + force * dt, self._fastest)

@@ -171,7 +171,7 @@ def check_path(path: PersonPath, world: WorldConfig, height: float, until: float
 
     The middle of a person of `height` [m] must stay outside of all obstacles.
     """
-    solids = [s for s in world.solids if not (isinstance(s, Box) and s.bottom_m >= height)]
+    solids = [solid for solid in world.solids if solid.bottom_m < height]
     t, end = 0.0, min(path.duration, until)
     times, places = [], []
     while solids and t <= end:

@@ -77,6 +77,67 @@ def test_a_wrong_change_is_one_line(key, text, line):
     assert error_of(ConfigError, change).startswith(line)
 
 
+BOX = {"kind": "box", "size_m": [1, 1, 1], "position_m": [0, 0]}
+PERSON = {"kind": "person"}
+
+
+def test_what_was_added_is_a_parameter_until_the_next_run():
+    checked = []
+    live = LiveParameters(
+        scenario_with(), lambda _, name: checked.append(name), lambda _: checked.append("world")
+    )
+    live.set({"world.added.crate": BOX, "mine.reach_m": 2.0})
+    live.set({"world.added.pillar": BOX})
+    live.set({"world.added.crate": None})
+    assert live.apply()
+    assert live.settings["world.added.crate"] is None
+    assert (
+        [*live.scenario.world.added]
+        == ["pillar"]
+        == [key.removeprefix("world.added.") for key in parameters(live.scenario) if "added" in key]
+    )
+    (pillar,) = live.scenario.world.solids
+    assert pillar.size_m == (1.0, 1.0, 1.0)
+    value = described("world.added.pillar", parameters(live.scenario)["world.added.pillar"]).value
+    assert settings_of(m.Parameters(parameters=(m.Parameter("x", value),)))["x"]["kind"] == "box"
+    live.begin()
+    assert (live.apply(), live.settings) == (True, {"mine.reach_m": 2.0})
+    assert live.scenario.world.added == {}
+    assert checked == ["mine", "world", "world", "world"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "line"),
+    [
+        ("crate", BOX, "crate: exists already; `mecazen world remove crate` takes it away"),
+        ("crat", None, "crat: was not added; did you mean crate?"),
+        ("x", None, "x: was not added; added: crate"),
+        (
+            "a b",
+            BOX,
+            "a b: a name has letters, digits, _ and -, and is no person's of the scenario",
+        ),
+        ("target", BOX, "target: a name has letters, digits, _ and -, and is no person's"),
+        ("walker_7", BOX, "walker_7: a name has letters, digits"),
+        ("x", BOX | {"size_m": [1, -1, 1]}, "world.added.x.size_m.1: got -1; allowed: a number >"),
+        ("x", BOX | {"position_m": [float("nan"), 0]}, "world.added.x.position_m.0: got nan; all"),
+        ("x", {"kind": "ball"}, "world.added.x.kind: got 'ball'; allowed: 'box' or 'cylinder' or"),
+        ("x", {"kind": "box"}, "world.added.x.size_m, world.added.x.position_m: missing"),
+        ("x", 3, "world.added.x: got 3; allowed: 'box' or 'cylinder' or 'person'"),
+        ("x", PERSON | {"path": {"kind": "recorded", "file": "/"}}, "world.added.x.path.kind: got"),
+        ("x", PERSON, 'people need the crowd: start with --set \'services=["physics", "mine", '),
+        ("x" * 70_000, BOX, "too many changes in one run; a reset undoes those of the world"),
+    ],
+)
+def test_what_cannot_be_added_or_removed_is_one_line(name, value, line):
+    live = LiveParameters(scenario_with(), lambda *_: None, lambda _: None)
+    live.set({"world.added.crate": BOX})
+    before = live.requested
+    error = error_of(ConfigError, lambda: live.set({f"world.added.{name}": value}))
+    assert error.startswith(line)
+    assert live.requested is before
+
+
 def test_without_a_name_all_robots_are_changed():
     start = scenario_with(("one", {}), ("two", {"mine": {"side": "right"}}))
 
@@ -96,7 +157,7 @@ def test_without_a_name_all_robots_are_changed():
 
 
 def test_parameters_change_in_the_next_tick_all_or_none():
-    live = LiveParameters(scenario_with(), lambda *_: None)
+    live = LiveParameters(scenario_with(), lambda *_: None, lambda _: None)
 
     def apply():
         has_changed = live.apply()

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import pytest
-from harness import Rig, assert_sendable, load_robot
+from harness import Rig, assert_sendable, error_of, load_robot
 from hostile import FORGED, FUZZ, NO_STAMP, puts
 from hypothesis import given, settings
 from mecazen import keys
@@ -23,7 +23,10 @@ from mecazen.config import (
     SimConfig,
     StartConfig,
 )
+from mecazen.config.people import Passerby, Standing
 from mecazen.config.sensors import EncodersConfig
+from mecazen.config.world import Box
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.node import Inputs, Tick
 from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
@@ -217,6 +220,51 @@ def test_a_walker_who_leaves_pushes_nobody(kind, ticks):
     assert driven.pose == pytest.approx(Pose2D(), abs=1e-3)
     driven.drive(100, [20.0] * 4)  # at 1 m/s through the place where they stood
     assert driven.pose.x > 0.9
+
+
+def added(driven: Driven, **things: Box | Passerby) -> Scenario:
+    """Return the scenario with things in its world, once they have been checked."""
+    world = msgspec.structs.replace(driven.node.scenario.world, added=things)
+    changed = msgspec.structs.replace(driven.node.scenario, world=world)
+    driven.node.check_world(changed)
+    return changed
+
+
+def box(x: float, height: float = 0.5, bottom: float = 0.0) -> Box:
+    return Box(size_m=(0.4, 0.4, height), position_m=(x, 0.0), bottom_m=bottom)
+
+
+def test_an_added_box_stops_the_robot_until_it_is_removed():
+    driven = Driven()
+    driven.drive(20, [5.0] * 4)
+    for _ in range(2):  # the second time where the first box was
+        begin = driven.pose.x
+        driven.node.configure(added(driven, crate=box(begin + 0.5), shelf=box(begin, bottom=1.0)))
+        driven.drive(120, [10.0] * 4)
+        # its front is 0.2 m ahead of the robot's middle, and the box's face 0.3 m
+        assert driven.pose.x - begin == pytest.approx(0.1, abs=0.01)
+        driven.node.configure(added(driven))
+        driven.drive(60, [10.0] * 4)
+        assert driven.pose.x - begin > 0.2
+
+
+def test_a_box_out_of_reach_changes_no_bit():
+    plain, beside = Driven(), Driven()
+    beside.node.configure(added(beside, crate=box(3.0)))
+    assert weave(beside) == weave(plain)
+
+
+@pytest.mark.parametrize(
+    ("thing", "line"),
+    [
+        (box(0.3), "crate: would be inside the robot, which is at [0.00, 0.00]"),
+        (box(9.0, height=0.04), "an obstacle 0.04 m high is lower than the wheels' axles"),
+        (Passerby(Standing(x_m=0.3)), "crate: would be inside the robot"),
+    ],
+)
+def test_what_would_be_inside_a_robot_is_refused(thing, line):
+    driven = Driven()
+    assert error_of(ConfigError, lambda: added(driven, crate=thing)).startswith(line)
 
 
 def test_robots_are_moved_each_by_its_own_commands_and_stopped_by_its_own_watchdog():

@@ -1,5 +1,6 @@
 """The sensors as nodes: when they capture, whom they see, and settings that do not fit together."""
 
+import numpy as np
 import pytest
 from harness import SCENARIOS, Steps
 from mecazen import keys
@@ -16,6 +17,7 @@ from mecazen.messages import (
     Time,
     planar_odometry,
 )
+from mecazen.parameters import changed
 from mecazen_sensors.node import DepthNode, LidarNode, TrackerNode
 from people import HEIGHT, body
 
@@ -112,6 +114,23 @@ def test_the_lidar_sees_people_and_robots_until_they_leave():
     ranges = sensor.tick(20)[keys.SCAN].ranges
     assert max(ranges[:10]) == NO_RETURN
     assert min(r for r in ranges[350:370] if r) == pytest.approx(1.63, abs=0.15)
+
+
+def test_an_added_box_is_seen_until_it_is_removed():
+    sensor = Sensor(LidarNode)
+    plain = sensor.node.scenario
+    crate = {"kind": "box", "size_m": [0.4, 0.4, 0.5], "position_m": [0.0, 1.2]}
+    ranges = []
+    for tick, settings in ((0, {}), (10, {"world.added.crate": crate}), (20, {})):
+        sensor.node.configure(changed(plain, settings))
+        ranges.append(np.array(sensor.tick(tick)[keys.SCAN].ranges))
+    left = slice(510, 535)  # the lidar is behind the middle
+    assert [r[left].max() for r in ranges[::2]] == [NO_RETURN] * 2
+    # the face is 1 m to the left of the robot's middle; noise of 0.01 m
+    assert ranges[1][left].max() == pytest.approx(1.0, abs=0.05)
+    assert min(r for r in ranges[1][350:370] if r) == pytest.approx(
+        1.63, abs=0.15
+    )  # the person is still there
 
 
 def test_a_camera_no_longer_sees_people_who_left():

@@ -4,6 +4,7 @@ import json
 import threading
 from contextlib import closing
 
+import pytest
 from harness import COMMAND_GUARD_S, SCENARIOS, tools
 from mecazen import keys
 from mecazen import messages as m
@@ -19,6 +20,10 @@ from mecazen_tools.simulate import collect
 from mecazen_tools.simulation import Simulation
 from typer.testing import CliRunner
 
+THINGS = {
+    "world.added.crate": '{kind = "box", size_m = [0.4, 0.4, 0.8], position_m = [-0.6, 0.0]}',
+    "world.added.anna": '{kind = "person", path = {kind = "straight", x_m = 1.0, y_m = -1.0}}',
+}
 SHORT = "sim.duration_s=1.0"
 FARTHER = {
     "follower.standoff_m": "1.4",
@@ -48,10 +53,22 @@ def run_with(loaded, *changes):
         return sim.trajectory.sha256()
 
 
-def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tick_it_says(stack):
-    services = ("physics", "controller", "target", "follower")
+@pytest.mark.parametrize(
+    ("name", "services", "settings"),
+    [
+        ("back", ("physics", "controller", "target", "follower"), FARTHER),
+        (
+            "senses",
+            ("physics", "controller", "target", "sensors", "crowd", "follower", "guard"),
+            THINGS,
+        ),
+    ],
+)
+def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tick_it_says(
+    stack, name, services, settings
+):
     listed = f"services={json.dumps([*services, COLLECTOR])}"
-    running = stack(SCENARIOS / "back.toml", "sim.duration_s=3.0", "sim.mode=lockstep", listed)
+    running = stack(SCENARIOS / f"{name}.toml", "sim.duration_s=3.0", "sim.mode=lockstep", listed)
     running.launch("physics")
     running.wait(lambda: "physics" in running.bus.presence.names)
     running.call(keys.SIM_PAUSE, m.Empty())
@@ -61,17 +78,41 @@ def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tic
     def change():
         try:
             running.call(keys.SIM_STEP, m.StepRequest(ticks=100), COMMAND_GUARD_S)
-            begins_s.append(set_all(running, FARTHER))
+            begins_s.append(set_all(running, settings))
         finally:
             running.call(keys.SIM_RESUME, m.Empty())
 
     changer = threading.Thread(target=change)
     changer.start()
-    result, _ = collect(running.scenario, "back")
+    result, _ = collect(running.scenario, name)
     changer.join()
     assert begins_s == [1.01]
-    loaded = scenario("back", "sim.duration_s=3.0")
-    assert result.trajectory_sha256 == run_with(loaded, (100, FARTHER)) != run_with(loaded)
+    loaded = scenario(name, "sim.duration_s=3.0", f"services={json.dumps(services)}")
+    assert result.trajectory_sha256 == run_with(loaded, (100, settings)) != run_with(loaded)
+
+
+def test_a_recording_holds_what_was_added_until_a_reset(tmp_path):
+    file = tmp_path / "run.mcap"
+    with_crowd = [*scenario("senses").services, "crowd"]
+    loaded = scenario("senses", "sim.duration_s=2.0", f"services={json.dumps(with_crowd)}")
+    with Simulation(loaded, record=file) as sim:
+        sim.run(0.4)
+        set_all(sim.bus, THINGS)
+        sim.run(0.5)
+        set_all(sim.bus, {"world.added.anna": ""})
+        sim.run()
+        assert [*sim.scenario.world.added] == ["crate"]
+        sim.reset()
+        assert sim.scenario.world.added == {}
+        sim.run()
+        assert sim.trajectory.sha256() == run_with(loaded)
+    recording = Recording(file)
+    changes, after = (run.changes for run in inspect(recording).runs)
+    things = ", ".join(f"{key}={value}" for key, value in THINGS.items())
+    assert changes == (f"t = 0.41 s: {things}", "t = 0.91 s: world.added.anna=")
+    assert after == ()
+    for service in ("sensors", "crowd", "follower"):
+        assert recompute(recording, service).difference is None
 
 
 def test_a_recording_holds_the_changes_and_nodes_are_computed_anew_with_them(tmp_path):
@@ -125,6 +166,17 @@ def test_the_command_line_shows_and_changes_parameters(stack):
         error = ask(*wrong).exception
         assert isinstance(error, ConfigError)
         assert all(word in str(error) for word in words)
+    added = CliRunner().invoke(app, [*to, "world", "add", "box", "crate", "--at", "-5", "0"])
+    assert added.stdout.startswith("crate added from t = ")
+    listed = CliRunner().invoke(app, [*to, "world", "list"]).stdout
+    assert listed.startswith('crate = {kind = "box", size_m = [0.5, 0.5, 0.5], position_m = [-5.0')
+    twice = CliRunner().invoke(app, [*to, "world", "add", "box", "crate", "--at", "-5", "0"])
+    assert str(twice.exception).startswith("crate: exists already")
+    walk = ("--set", "path.kind=straight", "--set", "path.speed_m_s=1.2")
+    person = CliRunner().invoke(app, [*to, "world", "add", "person", "a", "--at", "5", "5", *walk])
+    assert str(person.exception).startswith("people need the crowd: start with --set 'services=")
+    gone = CliRunner().invoke(app, [*to, "world", "remove", "crate"])
+    assert gone.stdout.startswith("crate removed from t = ")
     # who comes late has them as well
     with closing(ZenohBus(running.scenario.bus)) as bus:
         heard = []
@@ -134,4 +186,5 @@ def test_the_command_line_shows_and_changes_parameters(stack):
     assert [one.name for one in heard[0].parameters] == [
         "follower.bearing_deg",
         "follower.heading_deg",
+        "world.added.crate",
     ]

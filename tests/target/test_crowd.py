@@ -11,6 +11,7 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import of_robot
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Clock, Point, Skeleton, Time, planar_odometry
+from mecazen.parameters import changed
 from mecazen.skeleton import JOINTS
 from mecazen_target.crowd import CrowdNode
 
@@ -70,6 +71,37 @@ def test_after_a_gap_all_joints_are_at_their_walker(ticks):
         assert max(math.hypot(j.x - at.x, j.y - at.y) for j in walker.joints) < 0.8
 
 
+def test_people_are_added_with_their_own_time_and_change_no_walker():
+    def run(changes):
+        crowd, frames = Crowd("senses", WALKERS), {}
+        for tick in range(0, 500, 2):
+            if tick in changes:
+                crowd.node.configure(changed(crowd.node.scenario, changes[tick]))
+            persons = crowd.tick(tick).persons
+            frames[tick] = {person.id: person for person in persons}
+        return frames
+
+    straight = {"kind": "straight", "x_m": 20.0, "speed_m_s": 1.0, "start_after_s": 0.5}
+    box = {"kind": "box", "size_m": [0.5, 0.5, 1.0], "position_m": [32.0, -0.3]}
+    frames = run(
+        {
+            20: {"world.added.anna": {"kind": "person", "path": straight, "height_m": 1.6}},
+            40: {"world.added.bob": {"kind": "person"}, "world.added.box": box},
+            200: {"world.added.anna": None},
+        }
+    )
+    assert [tick for tick, persons in frames.items() if "anna" in persons] == [*range(20, 200, 2)]
+    anna = frames[120]["anna"]
+    assert anna.pose.position.x == pytest.approx(20.5)
+    assert (anna.height, len(anna.joints)) == (1.6, len(JOINTS))
+    assert len([tick for tick, persons in frames.items() if "bob" in persons]) == 230
+    plain = run({})
+    ways = [[frames[tick][name] for tick in range(0, 500, 2)] for name in ("walker_1", "walker_2")]
+    before = [[plain[tick][name] for tick in range(0, 500, 2)] for name in ("walker_1", "walker_2")]
+    assert ways[0] != before[0]  # a person with a goal gives way to bob
+    assert ways[1] == before[1]
+
+
 def test_of_several_robots_all_and_their_persons_are_told_of():
     frame = Crowd("convoy", "sensor.kind=fused").tick(0)
     assert [one.id for one in frame.persons] == ["one", "two"]
@@ -95,6 +127,7 @@ def test_a_run_begun_anew_is_the_same_again():
         ("convoy", ("sensor.kind=fused",), True),
         ("back", ("crowd.walkers=[]",), False),
         ("back", (WALKERS,), True),
+        ("back", ("world.added.anna={ kind = 'person' }",), True),
         ("crowd", (), True),
     ],
 )

@@ -38,6 +38,21 @@ def test_view_and_odom_frame_follow_the_true_robot(drawing):
     assert content.pose(layout.ODOM).compose(drifted) == pytest.approx(truth, abs=1e-6)
 
 
+def test_added_obstacles_are_drawn_until_they_are_removed(drawing):
+    crate = "crate", '{kind="box", size_m=[0.4, 0.6, 1.0], position_m=[2.0, 1.0]}'
+    pillar = "pillar", '{kind="cylinder", size_m=[0.1, 2.0], position_m=[0.0, 1.0]}'
+    for ms, things in ((10, [crate]), (20, [crate, pillar]), (30, [pillar])):
+        changes = tuple(m.Parameter(f"world.added.{name}", value) for name, value in things)
+        drawing.put(keys.PARAMETERS, m.Parameters(parameters=changes), ms)
+    content = drawing.end()
+    paths = [f"{layout.ADDED}/{name}" for name in ("crate", "pillar")]
+    assert content.all(paths[0], "Boxes3D:centers")[0] == pytest.approx(np.array([[2.0, 1.0, 0.5]]))
+    assert len(content.all(paths[0], "Clear:is_recursive")) == 1
+    assert len(content.all(paths[1], "Cylinders3D:centers")) == 1
+    assert f"{paths[1]}" in content.paths
+    assert content.all(paths[1], "Clear:is_recursive") == []
+
+
 def test_observation_is_drawn_from_the_pose_at_its_capture(drawing):
     for tick in range(5):
         pose = Pose2D(y=0.1 * tick, yaw=math.pi / 2)

@@ -224,6 +224,14 @@ class Walker(Section, kw_only=True):
     """A child of 6 has a `height_m` of about 1.15."""
 
 
+class Passerby(Section, tag_field="kind", tag="person"):
+    """A person whom no robot follows, added while a simulation runs; nothing of it is a file."""
+
+    path: UTrack | Straight | Circle | FigureOfEight | Standing | Script | Wander = Standing()
+    """Its times count from when the person is added."""
+    height_m: Annotated[float, msgspec.Meta(ge=0.8, le=2.3)] = 1.75
+
+
 class Reactive(Section, kw_only=True):
     """Walkers who cross an area back and forth between random places at its edges, and give way."""
 

@@ -15,6 +15,7 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 
+from mecazen.config.people import Passerby
 from mecazen.geometry import Pose2D
 from mecazen.schema import AngleDeg, Finite, NonNegative, Positive, Section
 
@@ -50,6 +51,11 @@ class Cylinder(Section, tag_field="kind", tag="cylinder", frozen=True, kw_only=T
     """Radius, height."""
     position_m: tuple[Finite, Finite]
     """Its centre in the world frame."""
+
+    @property
+    def bottom_m(self) -> float:
+        """Height of its underside above the ground."""
+        return 0.0
 
 
 class Ridge(NamedTuple):
@@ -257,6 +263,8 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     ramps: tuple[Ramp, ...] = ()
     patches: tuple[Patch, ...] = ()
     """Where patches overlap, the last one applies."""
+    added: dict[str, Box | Cylinder | Passerby] = msgspec.field(default_factory=dict)
+    """What `mecazen world` has added while the simulation runs, by name."""
     person: PersonConfig = PersonConfig()
     """The body of each person that a robot follows."""
 
@@ -264,7 +272,14 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     def solids(self) -> tuple[Box | Cylinder, ...]:
         """Everything that stands in the world, as boxes and cylinders."""
         built: tuple[Wall | Table | Ramp, ...] = (*self.walls, *self.tables, *self.ramps)
-        return (*self.obstacles, *(box for thing in built for box in thing.boxes()))
+        boxes = (box for thing in built for box in thing.boxes())
+        added = (thing for thing in self.added.values() if not isinstance(thing, Passerby))
+        return (*self.obstacles, *boxes, *added)
+
+    @property
+    def passersby(self) -> dict[str, Passerby]:
+        """The people who were added, by name."""
+        return {name: thing for name, thing in self.added.items() if isinstance(thing, Passerby)}
 
     @property
     def ridges(self) -> tuple[Ridge, ...]:

@@ -60,7 +60,7 @@ class Clock:
         self.answers = [slot for turn in service.turns for slot in turn.slots if slot.lag]
         """The inputs with which the world answers a tick in the next one."""
         self.scenario: Scenario = host.scenario
-        self.live = LiveParameters(host.scenario, refuse_unsuitable)
+        self.live = LiveParameters(host.scenario, refuse_unsuitable, host.check_world)
         self.lockstep = host.lockstep
         self.schedule = Schedule(self.scenario.sim.tick_s, self.scenario.sim.speed)
         self.tick = self.missed_deadlines = 0
@@ -101,6 +101,7 @@ class Clock:
 
     def reset(self, seed: int) -> None:
         """Begin a run: return the world to its initial state."""
+        self.live.begin()
         self.tick = self.missed_deadlines = 0
         self.host.begin(Stamp(0, secrets.randbits(32), seed))
 

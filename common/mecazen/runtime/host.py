@@ -166,6 +166,12 @@ class Host:
         for turn in self.loop.turns:
             turn.configure(scenario, self.stamp.seed)
 
+    def check_world(self, scenario: Scenario) -> None:
+        """Refuse a changed scenario that the state of a node does not allow; raises ConfigError."""
+        for turn in self.loop.turns:
+            with turn.calling():
+                turn.running.check_world(scenario.of(turn.robot) if turn.robot else scenario)
+
     def apply_changes(self, stamp: Stamp) -> None:
         """Apply the changed parameters that are due in a tick."""
         if self._changed is not None:

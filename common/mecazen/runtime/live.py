@@ -8,20 +8,33 @@ from typing import Any
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.graph import SHARED
+from mecazen.keys import PARAMETERS
+from mecazen.loading import in_toml
+from mecazen.messages import Parameters
 from mecazen.node import Node
-from mecazen.parameters import changed, refuse_unknown
+from mecazen.parameters import ADDED, changed, refuse_names, refuse_unknown, to_message
 from mecazen.programs import classes, reads_section
+from mecazen.wire import encode
+
+MOST_BYTES = PARAMETERS.max_bytes - 256
+"""Maximum size of all changes, without the header of their message [bytes]."""
 
 
 class LiveParameters:
     """The parameters of a simulation, which stay in effect for the runs that follow.
 
-    `check` raises ConfigError if a scenario does not suit the named service.
+    Additions to the world stay until the end of the run. `check` raises ConfigError if a
+    scenario does not suit the named service, and `check_world` if it does not suit the robots now.
     """
 
-    def __init__(self, scenario: Scenario, check: Callable[[Scenario, str], None]) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        check: Callable[[Scenario, str], None],
+        check_world: Callable[[Scenario], None],
+    ) -> None:
         self._start = scenario
-        self._check = check
+        self._check, self._check_world = check, check_world
         self.scenario = self.requested = scenario
         """The scenario that applies now, and the one from the next tick on."""
         self.settings: dict[str, Any] = {}
@@ -34,13 +47,28 @@ class LiveParameters:
         Raises:
             ConfigError: A parameter is not live or a value is invalid; then nothing changes.
         """
-        refuse_unknown(self._start, settings)
+        settings = in_toml(settings)
+        things = {key: value for key, value in settings.items() if key.startswith(ADDED)}
+        fields = settings.keys() - things.keys()
+        refuse_unknown(self._start, fields)
+        refuse_names(self.requested, things)
         unchanged = {k: v for k, v in self._requested.items() if k not in settings}
-        scenario = changed(self._start, {**unchanged, **settings})
-        for name in {part for key in settings for part in key.split(".")}:
+        requested = {**unchanged, **settings}
+        scenario = changed(self._start, requested)
+        if len(encode(Parameters(parameters=to_message(requested)))) > MOST_BYTES:
+            raise ConfigError("too many changes in one run; a reset undoes those of the world")
+        for name in {part for key in fields for part in key.split(".")}:
             if name in scenario.services:
                 self._check(scenario, name)
-        self.requested, self._requested = scenario, {**unchanged, **settings}
+        if things:
+            self._check_world(scenario)
+        self.requested, self._requested = scenario, requested
+
+    def begin(self) -> None:
+        """Begin a run: its world is that of the scenario again, from the first tick on."""
+        kept = {key: v for key, v in self._requested.items() if not key.startswith(ADDED)}
+        if kept != self._requested:
+            self.requested, self._requested = changed(self._start, kept), kept
 
     def apply(self) -> bool:
         """Apply what has been set since the last tick; return whether a value differs."""

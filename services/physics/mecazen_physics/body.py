@@ -252,8 +252,7 @@ def _build(robot: Robot, start: Pose2D, world: WorldConfig) -> tuple[Any, list[A
     base.setInertia(dart.dynamics.Inertia(*lump(trunk)))
     # DART uses the lower coefficient of two touching bodies. The robot's own surface gets the
     # highest, so the coefficient of the other body applies. Between two robots the highest applies.
-    solid = SOLID_FRICTION if world.solids else 0.0
-    friction = max(*ground_frictions(robot, world), PERSON_FRICTION, solid)
+    friction = max(*ground_frictions(robot, world), PERSON_FRICTION, SOLID_FRICTION)
     _add_base_shapes(base, robot, friction)
     hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
     axle = _add_axle(base, hinge)

@@ -52,7 +52,7 @@ from mecazen_physics.motors import real_motors
 from mecazen_physics.people import MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
-from mecazen_physics.start import check_obstacles, check_person, steps_per_tick
+from mecazen_physics.start import check_added, check_obstacles, check_person, steps_per_tick
 from mecazen_physics.state import Vector
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
@@ -78,10 +78,19 @@ class PhysicsNode(Node):
         """The name of the person whom each robot follows."""
 
     def configure(self, scenario: Scenario) -> None:
-        """Brake wheels without a command within the changed limits from now on."""
+        """Change the obstacles, and the limits within which wheels without a command brake."""
+        if scenario.world != self.scenario.world:
+            for robot in self.robots.values():
+                robot.change_world(scenario.world)
         super().configure(scenario)
         for name, watchdog in self.watchdogs.items():
             watchdog.configure(scenario.of(name))
+
+    def check_world(self, scenario: Scenario) -> None:
+        """Refuse what would be added on a robot, and obstacles that it could drive onto."""
+        known = self.scenario.world.added
+        for name, robot in self.robots.items():
+            check_added(scenario.of(name), known, robot.footprint())
 
     def reset(self, seed: int) -> None:
         """Start a new simulation, with the robots at their start poses."""

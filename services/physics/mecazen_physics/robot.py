@@ -84,6 +84,13 @@ class SimulatedRobot:
         pose = Pose2D(x, y, state.yaw)
         return Footprint.of_robot(self._robot.footprint, pose, speed, state.angular[2])
 
+    def change_world(self, world: WorldConfig) -> None:
+        """Replace the obstacles by those of a changed world."""
+        self._config = world
+        self._obstacles = [Footprint.of_obstacle(solid) for solid in reachable(self._robot, world)]
+        self._nearby_from, self._nearby = (math.inf, math.inf), []
+        self.home.change(world)
+
     def place_person(self, number: int, person: MovingPerson) -> None:
         """Put a person into the world."""
         self._people[number] = person
@@ -126,12 +133,12 @@ class SimulatedRobot:
                 for number, person in self._people.items()
                 if footprint.may_touch(person.footprint(radius), margin)
             }
-            if self.close_people:
-                self.body.add_rims()
             near_ridge = any(footprint.may_touch(ridge, margin) for ridge in self._ridges)
             self.near_obstacle = any(
                 footprint.may_touch(solid, margin) for solid in self._find_nearby(footprint)
             )
+            if self.close_people or self.near_obstacle:
+                self.body.add_rims()
         touchable = bool(self.close_people) or near_ridge or self.near_obstacle
         self.isolated = self._upright and self._alone and not touchable
         self.body.align(self.state.yaw, self.state.angular[2], alone=self.isolated)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from mecazen.config import Scenario
+from mecazen.config.people import Passerby
 from mecazen.config.services import MAX_DT_S
 from mecazen.config.world import Box
 from mecazen.errors import ConfigError
 
 from mecazen_physics.footprint import Footprint
+from mecazen_physics.world import reachable
 
 
 def steps_per_tick(tick_s: float, dt_s: float) -> int:
@@ -28,11 +31,28 @@ def steps_per_tick(tick_s: float, dt_s: float) -> int:
 def check_obstacles(scenario: Scenario, name: str) -> None:
     """Refuse a robot that starts inside an obstacle."""
     for solid in scenario.world.solids:
-        above = isinstance(solid, Box) and solid.bottom_m >= scenario.robot.height
-        if not above:
+        if solid.bottom_m < scenario.robot.height:
             kind = "box" if isinstance(solid, Box) else "cylinder"
             at = ", ".join(f"{value:g}" for value in solid.position_m)
             _check(scenario, name, Footprint.of_obstacle(solid), f"{kind} at [{at}]; move it")
+
+
+def check_added(scenario: Scenario, known: Mapping[str, object], robot: Footprint) -> None:
+    """Refuse what is added to the `known` things of a world, if it would be inside a robot.
+
+    Raises:
+        ConfigError: It would be; or a robot could drive onto an obstacle.
+    """
+    low = reachable(scenario.robot, scenario.world)
+    for name, thing in scenario.world.added.items():
+        if isinstance(thing, Passerby):
+            place = Footprint(thing.path.x_m, thing.path.y_m, rim=scenario.world.person.radius_m)
+        else:
+            place = Footprint.of_obstacle(thing)
+        is_in_reach = isinstance(thing, Passerby) or thing in low
+        if is_in_reach and known.get(name) != thing and robot.gap(place) < 0.0:
+            at = f"[{robot.x:.2f}, {robot.y:.2f}]"
+            raise ConfigError(f"{name}: would be inside the robot, which is at {at}")
 
 
 def check_person(scenario: Scenario, name: str, x: float, y: float) -> None:

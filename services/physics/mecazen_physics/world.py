@@ -11,7 +11,7 @@ from typing import Any, Literal
 import dartpy as dart
 from mecazen.config import PhysicsConfig, WorldConfig
 from mecazen.config.world import Box, Cylinder, Patch, PersonConfig
-from mecazen.errors import MecazenError
+from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 
@@ -59,7 +59,7 @@ plane collides with one roller, which is set by `DartWorld.allow`. Persons colli
 """
 
 
-class UnsupportedError(MecazenError):
+class UnsupportedError(ConfigError):
     """Physics cannot simulate what the scenario specifies."""
 
 
@@ -113,6 +113,14 @@ class DartWorld:
     @cached_property
     def _obstacles(self) -> Any:
         return _build_obstacles(reachable(self._robot, self._config))
+
+    def change(self, world: WorldConfig) -> None:
+        """Replace the obstacles by those of a changed world."""
+        if self._has_obstacles:
+            self._has_obstacles = False
+            self.remove(self._obstacles)
+        vars(self).pop("_obstacles", None)  # built again when a robot is near
+        self._config = world
 
     def add(self, skeleton: Any, layers: Layers) -> None:
         """Add a skeleton, whose bodies collide with those of the layers in `_TOUCHING`."""
@@ -271,20 +279,16 @@ def reachable(robot: Robot, world: WorldConfig) -> list[Box | Cylinder]:
     Raises:
         UnsupportedError: An obstacle is so low that the robot could drive onto it.
     """
-    solids = [solid for solid in world.solids if _bottom(solid) < robot.height]
+    solids = [solid for solid in world.solids if solid.bottom_m < robot.height]
     for solid in solids:
         height = solid.size_m[-1]
-        if _bottom(solid) == 0.0 and height < robot.wheels.radius_m:
+        if solid.bottom_m == 0.0 and height < robot.wheels.radius_m:
             # On a face of a box the rollers' contacts jump; only contacts with a plane are smooth.
             raise UnsupportedError(
                 f"an obstacle {height} m high is lower than the wheels' axles "
                 f"({robot.wheels.radius_m} m): driving onto one cannot be simulated"
             )
     return solids
-
-
-def _bottom(solid: Box | Cylinder) -> float:
-    return solid.bottom_m if isinstance(solid, Box) else 0.0
 
 
 def _build_ground(robot: Robot, world: WorldConfig) -> Any:
@@ -311,7 +315,7 @@ def _build_obstacles(solids: Sequence[Box | Cylinder]) -> Any:
         else:
             shape = dart.dynamics.CylinderShape(*solid.size_m)
             yaw = 0.0
-        pose = upright(Pose2D(*solid.position_m, yaw), _bottom(solid) + solid.size_m[-1] / 2)
+        pose = upright(Pose2D(*solid.position_m, yaw), solid.bottom_m + solid.size_m[-1] / 2)
         add_shape(body, shape, SOLID_FRICTION).setRelativeTransform(pose)
     skeleton.setMobile(False)
     return skeleton

@@ -53,6 +53,12 @@ class _Sensor(Node):
         self.people = m.People()
         """All people and robots, as last received."""
 
+    def configure(self, scenario: Scenario) -> None:
+        """See the obstacles of the changed world from now on."""
+        if scenario.world != self.scenario.world:
+            self.scene = RayScene(scenario.world, self.robots, self.scene.people)
+        super().configure(scenario)
+
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return a measurement when one is due.
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.config.people import Goal, Walker
+from mecazen.config.people import Body, Goal, Passerby, Walker
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
 from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.robots import seed_of
 from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.crowd import Pedestrians, agent_at, errand_of, random_errands
 from mecazen_people.motion import PersonMotion, PersonPath
@@ -20,6 +23,15 @@ ROBOT_MARGIN_M = 0.1
 """People keep farther from a robot's corners than from each other."""
 MISSED_AT_MOST = 50
 """Maximum number of missed steps that are caught up in one tick after a delay."""
+
+
+class AddedPerson(NamedTuple):
+    """A person who was added to the world, and the time of the first sample [s]."""
+
+    config: Passerby
+    path: PersonPath
+    body: WalkingPerson | None
+    begin_s: float
 
 
 class CrowdNode(Node):
@@ -38,16 +50,27 @@ class CrowdNode(Node):
             self.paths += [None] * config.reactive.count
             bodies += [config.reactive.body] * config.reactive.count
         self.heights = [body.height_m for body in bodies]
-        self.bodies: list[WalkingPerson] = []
-        if "skeleton" in scenario.sensor.features:
-            # walkers with the same body share its gait, which takes 0.2 s to compute
-            made = {body: WalkingPerson(body) for body in dict.fromkeys(bodies)}
-            self.bodies = [made[body].twin() for body in bodies]
+        self.made: dict[Body, WalkingPerson] = {}
+        self.bodies = [self._body(body) for body in bodies]
         self.radius = scenario.world.person.radius_m
         self.reach = {
             name: math.hypot(*scenario.of(name).robot.footprint) + ROBOT_MARGIN_M
             for name in scenario.names
         }
+
+    def _body(self, config: Body) -> WalkingPerson | None:
+        """Return a body if a sensor sees it; equal ones share their gait, which takes 0.2 s."""
+        if "skeleton" not in self.scenario.sensor.features:
+            return None
+        if config not in self.made:
+            self.made[config] = WalkingPerson(config)
+        return self.made[config].twin()
+
+    def configure(self, scenario: Scenario) -> None:
+        """Let walkers give way to the obstacles of the changed world."""
+        super().configure(scenario)
+        if self.pedestrians is not None:
+            self.pedestrians.obstacles = scenario.world.solids
 
     def reset(self, seed: int) -> None:
         """Begin a run, with walkers drawn from `seed`."""
@@ -57,6 +80,7 @@ class CrowdNode(Node):
         self.targets: dict[str, m.Odometry] = {}
         self.skeletons: dict[str, m.Skeleton] = {}
         self.pedestrians: Pedestrians | None = None
+        self.added: dict[str, AddedPerson] = {}
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return all people and robots, in ticks in which a sample is due."""
@@ -72,9 +96,11 @@ class CrowdNode(Node):
         self.last = tick.number
         steps = min(missed // self.period, MISSED_AT_MOST)
         gap_s = None if is_first else missed * self.scenario.sim.tick_s
-        motions = self._walk(tick.time_ns / 1e9, steps)
+        added = list(self._passersby(tick.time_ns / 1e9, gap_s))
+        motions = self._walk(tick.time_ns / 1e9, steps, added)
         persons = [self._target(name) for name in self.targets]
         persons += [self._walker(n, motion, gap_s) for n, motion in enumerate(motions)]
+        persons += added
         robots = [
             m.NamedPose(name or "robot", m.Pose.planar(odometry.pose.pose.to_planar()))
             for name, odometry in self.robots.items()
@@ -82,11 +108,31 @@ class CrowdNode(Node):
         header = m.Header(stamp=tick.time, frame_id="world")
         return {PEOPLE: m.People(header, tuple(persons), tuple(robots))}
 
-    def _walk(self, time: float, steps: int) -> list[PersonMotion]:
+    def _passersby(self, time: float, gap_s: float | None) -> Iterator[m.Person]:
+        """Yield the people who were added to the world, at a time [s]."""
+        passersby = self.scenario.world.passersby
+        self.added = {n: p for n, p in self.added.items() if passersby.get(n) == p.config}
+        for name, config in passersby.items():
+            is_new = name not in self.added
+            if is_new:
+                body = self._body(Body(height_m=config.height_m))
+                self.added[name] = AddedPerson(config, make_path(config.path), body, time)
+            person = self.added[name]
+            motion = person.path.at(time - person.begin_s)
+            age_s = None if is_new else gap_s
+            joints = _joints(person.body, motion, age_s, seed_of(self.seed, name))
+            pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
+            yield m.Person(name, pose, twist, config.height_m, joints)
+
+    def _walk(self, time: float, steps: int, added: Sequence[m.Person]) -> list[PersonMotion]:
         """Return the walkers' motions at a time [s], a number of steps after the last one."""
         on_paths = [None if path is None else path.at(time) for path in self.paths]
         agents = [agent_at(*motion[:2], self.radius) for motion in on_paths if motion is not None]
         agents += [agent_at(*_planar(person), self.radius) for person in self.targets.values()]
+        agents += [
+            agent_at(person.pose.to_planar(), person.twist.to_planar(), self.radius)
+            for person in added
+        ]
         agents += [
             agent_at(*_planar(robot), self.reach[name]) for name, robot in self.robots.items()
         ]
@@ -109,20 +155,23 @@ class CrowdNode(Node):
 
     def _walker(self, number: int, motion: PersonMotion, gap_s: float | None) -> m.Person:
         """Return a walker, `gap_s` [s] after the last sample; None in the first one of a run."""
-        joints: tuple[m.Point, ...] = ()
-        if self.bodies:
-            body = self.bodies[number]
-            if gap_s is None:
-                posture = body.reset(motion, self.seed, number)
-            else:
-                posture = body.follow(motion, gap_s)
-            joints = tuple([m.Point(*joint) for joint in posture.joints.tolist()])
+        joints = _joints(self.bodies[number], motion, gap_s, self.seed, number)
         pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
         return m.Person(f"walker_{number + 1}", pose, twist, self.heights[number], joints)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the number of walkers."""
-        return {"walkers": len(self.paths)}
+        """Return the number of walkers, with those who were added."""
+        return {"walkers": len(self.paths) + len(self.added)}
+
+
+def _joints(
+    body: WalkingPerson | None, motion: PersonMotion, gap_s: float | None, *seed: int
+) -> tuple[m.Point, ...]:
+    """Return the joints of a body, `gap_s` [s] after the last sample; None in the first one."""
+    if body is None:
+        return ()
+    posture = body.reset(motion, *seed) if gap_s is None else body.follow(motion, gap_s)
+    return tuple([m.Point(*joint) for joint in posture.joints.tolist()])
 
 
 def _path(scenario: Scenario, number: int, walker: Walker) -> PersonPath | None:

@@ -53,6 +53,12 @@ class TargetNode(Node):
             self.walker = WalkingPerson(self.config.body)
             self.skeleton_period = scenario.ticks_per("sensors.skeleton_rate_hz")
 
+    def configure(self, scenario: Scenario) -> None:
+        """Give way to the obstacles of the changed world from now on."""
+        super().configure(scenario)
+        if self.pedestrian is not None:
+            self.pedestrian.obstacles = scenario.world.solids
+
     def reset(self, seed: int) -> None:
         """Place the person at the start, with noise from `seed`."""
         path, tick_s = self.config.path, self.scenario.sim.tick_s

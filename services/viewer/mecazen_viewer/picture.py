@@ -10,11 +10,13 @@ import numpy as np
 import rerun as rr
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.config.people import Body
-from mecazen.errors import RefusedError
+from mecazen.config.people import Body, Passerby
+from mecazen.config.world import Box, Cylinder
+from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, PoseHistory, Standoff, Twist2D, wrap
 from mecazen.graph import WORLDS
 from mecazen.limits import FARTHEST_M
+from mecazen.parameters import settings_of, with_added
 from mecazen.portable import Floats
 from mecazen.robot import WHEELS
 from mecazen.skeleton import JOINTS
@@ -101,6 +103,8 @@ class Picture:
         self._standoff = scenario.follower.standoff
         self._has_skeleton = "skeleton" in scenario.sensor.features
         self._walkers: dict[str, tuple[WalkingPerson, float]] = {}
+        self._added: dict[str, Box | Cylinder] = {}
+        """The drawn obstacles that were added, by name."""
         base = scenario.robot.base
         self._height = scenario.world.person.height_m
         self._unplaced = scene.marks((base.length_m, base.width_m), self._height)
@@ -182,6 +186,23 @@ class Picture:
             robot = self._robot.at(time_ns)
             if robot is not None:
                 self._plot_errors(self._standoff, pose.between(robot))
+
+    def on_parameters(self, parameters: m.Parameters, time_ns: int) -> None:
+        """Show the obstacles that were added to the world, and clear those that were removed."""
+        del time_ns
+        try:
+            world = with_added(self._scenario, settings_of(parameters)).world
+        except ConfigError as error:
+            raise RefusedError(str(error)) from None
+        added = {
+            name: thing for name, thing in world.added.items() if not isinstance(thing, Passerby)
+        }
+        for name in self._added.keys() - added.keys():
+            self._log(f"{layout.ADDED}/{name}", rr.Clear(recursive=False))
+        for name, solid in added.items():
+            if self._added.get(name) != solid:
+                self._log(f"{layout.ADDED}/{name}", scene.obstacle(solid))
+        self._added = added
 
     def on_people(self, people: m.People, time_ns: int) -> None:
         """Move the people whom no robot follows; who comes without joints is animated."""

@@ -6,17 +6,18 @@ Shapes are logged once, below a moving frame: logging a frame costs a tenth of l
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
 from mecazen.config import Scenario
-from mecazen.config.world import Ridge
+from mecazen.config.world import Box, Cylinder, Ridge
 from mecazen.geometry import Pose2D
 from mecazen.messages import planar_covariance
 from mecazen.portable import Floats
+from msgspec.structs import replace
 
 from mecazen_viewer import layout, panels
 from mecazen_viewer.layout import Colour, Entity
@@ -60,11 +61,8 @@ MIN_RATIO = 1e-14
 def surroundings(scenario: Scenario) -> Iterator[Entity]:
     """Return the static entities that all robots share."""
     yield layout.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    for number, solid in enumerate(scenario.world.solids):
-        yaw = math.radians(getattr(solid, "yaw_deg", 0.0))
-        bottom = getattr(solid, "bottom_m", 0.0)
-        shape = _obstacle(solid.size_m, Pose2D(*solid.position_m, yaw), bottom)
-        yield f"{layout.OBSTACLES}/{number}", shape
+    for number, solid in enumerate(replace(scenario.world, added={}).solids):
+        yield f"{layout.OBSTACLES}/{number}", obstacle(solid)
     for number, ridge in enumerate(scenario.world.ridges):
         yield f"{layout.RIDGES}/{number}", _ridge(ridge)
     for number, patch in enumerate(scenario.world.patches):
@@ -186,14 +184,16 @@ def ground(centre: tuple[int, int]) -> rr.LineStrips3D:
     return rr.LineStrips3D(strips, colors=colours, radii=GRID_RADIUS)
 
 
-def _obstacle(size: Sequence[float], pose: Pose2D, bottom: float) -> rr.AsComponents:
-    """Return a box (length, width, height) or a cylinder (radius, height) [m] on `bottom` [m]."""
+def obstacle(solid: Box | Cylinder) -> rr.AsComponents:
+    """Return the shape of an obstacle."""
     style: dict[str, Any] = {"colors": [OBSTACLE_COLOUR], "fill_mode": "solid"}
-    style["centers"] = [(pose.x, pose.y, bottom + size[-1] / 2)]
-    if len(size) == 2:
-        return rr.Cylinders3D(radii=[size[0]], lengths=[size[1]], **style)
-    turns = [rr.RotationAxisAngle(axis=(0.0, 0.0, 1.0), radians=pose.yaw)]
-    return rr.Boxes3D(sizes=[size], rotation_axis_angles=turns, **style)
+    style["centers"] = [(*solid.position_m, solid.bottom_m + solid.size_m[-1] / 2)]
+    if isinstance(solid, Cylinder):
+        radius, height = solid.size_m
+        return rr.Cylinders3D(radii=[radius], lengths=[height], **style)
+    yaw = math.radians(solid.yaw_deg)
+    turns = [rr.RotationAxisAngle(axis=(0.0, 0.0, 1.0), radians=yaw)]
+    return rr.Boxes3D(sizes=[solid.size_m], rotation_axis_angles=turns, **style)
 
 
 def _ridge(ridge: Ridge) -> rr.Mesh3D:

@@ -19,7 +19,7 @@ from mecazen.bus import Bus, LocalBus
 from mecazen.config import Scenario
 from mecazen.errors import BusError, ConfigError, MecazenError, RefusedError
 from mecazen.keys import Topic
-from mecazen.messages import MessageT
+from mecazen.messages import MessageT, Parameters
 from mecazen.robots import join_key
 from mecazen.runtime.observer import Observer
 from mecazen.urdf import ask_description, serve_description
@@ -77,6 +77,7 @@ class ViewerService(Observer):
             self.show(robot, keys.CMD_VEL, Picture.on_cmd_vel)
             self.show(robot, keys.GUARD_STATE, Picture.on_guard_state)
         self.show("", keys.PEOPLE, Picture.on_people)
+        self.show("", keys.PARAMETERS, Picture.on_parameters)
         for part, robot in scenario.parts:
             draw = partial(Picture.on_diagnostics, service=part)
             self.show(robot, keys.diagnostics(part), draw)
@@ -163,6 +164,8 @@ class ViewerService(Observer):
 
     def is_due(self, key: str, run: int, time_ns: int) -> bool:
         """Return whether the last frame of a key is over at a time of a run; begin one if so."""
+        if key == keys.PARAMETERS.key:
+            return True  # changes are few, and each is needed
         if time_ns - self._shown_ns.get((key, run), -FRAME_NS) < FRAME_NS:
             return False
         self._shown_ns[key, run] = time_ns
@@ -188,6 +191,8 @@ class ViewerService(Observer):
             recording.log(path, archetype, static=True)
         texts = StatusText()
         self._pictures = {"": Picture(recording, scenario, texts)}
+        recording.set_time(TIMELINE, duration=0.0)
+        self._pictures[""].on_parameters(Parameters(), 0)
         for robot in scenario.names:
             own = scenario.of(robot) if robot else scenario
             picture = self._pictures[robot] = Picture(recording, own, texts, robot)

@@ -19,7 +19,7 @@ from mecazen.schema import Folder
 from mecazen.text import printable
 from typer import Argument, Option
 
-from mecazen_tools.cli import compare, graph, new, sim, simulate, status, talk, teleop, up
+from mecazen_tools.cli import compare, graph, new, sim, simulate, status, talk, teleop, up, world
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load, warn
 
 COMMANDS = (
@@ -45,7 +45,7 @@ EXTRAS = {
     "bench": {"bench": "mecazen_bench.cli:app"},
 }
 """Commands of extras: a function or a group of commands, by extra and by name."""
-CONNECTED = "topics, status, echo, pub, teleop, sim, param, record, replay"
+CONNECTED = "topics, status, echo, pub, teleop, sim, param, world, record, replay"
 """Commands that connect to a simulation."""
 CONNECTION = ("--connect", "--namespace", "--tls")
 """Their options, which come before the command."""
@@ -68,6 +68,7 @@ for command in COMMANDS:
     app.command()(command)
 app.add_typer(sim.app, name="sim")
 app.add_typer(sim.param_app, name="param")
+app.add_typer(world.app, name="world")
 app.add_typer(certificates_app, name="keys")
 for extra in filter(is_installed, EXTRAS):
     for name, place in EXTRAS[extra].items():

@@ -95,7 +95,8 @@ def state(context: typer.Context) -> None:
     _show_state(context, keys.SIM_STATE, Empty())
 
 
-def _ask(context: typer.Context, call: Call[RequestT, AnswerT], request: RequestT) -> AnswerT:
+def ask(context: typer.Context, call: Call[RequestT, AnswerT], request: RequestT) -> AnswerT:
+    """Query the clock; raises ConfigError with the reason of a refusal."""
     with tool_bus(context) as bus:
         try:
             return bus.call(call, request)
@@ -116,7 +117,7 @@ def list_(
 
     Examples: mecazen param list · mecazen param list controller.limits.x
     """
-    answer = _ask(context, keys.GET_PARAMETERS, ParameterNames())
+    answer = ask(context, keys.GET_PARAMETERS, ParameterNames())
     begin = f"{section}." if section else ""
     parameters = tuple(p for p in answer.parameters if f"{p.name}.".startswith(begin))
     if not parameters:
@@ -142,7 +143,7 @@ def get(
 
     Example: mecazen param get follower.standoff_m
     """
-    answer = _ask(context, keys.GET_PARAMETERS, ParameterNames(names=tuple(names)))
+    answer = ask(context, keys.GET_PARAMETERS, ParameterNames(names=tuple(names)))
     for parameter in answer.parameters:
         typer.echo(printable(f"{parameter.name}={parameter.value}"))
 
@@ -170,7 +171,7 @@ def set_(
         if not equals:
             raise ConfigError(f"{setting}: must be NAME=VALUE, such as follower.standoff_m=1.5")
         changes.append(Parameter(name=name.strip(), value=value.strip()))
-    answer = _ask(context, keys.SET_PARAMETERS, Parameters(parameters=tuple(changes)))
+    answer = ask(context, keys.SET_PARAMETERS, Parameters(parameters=tuple(changes)))
     begin_s = answer.header.stamp.ns / NS_PER_S
     for parameter in answer.parameters:
         typer.echo(printable(f"{parameter.name}={parameter.value} from t = {begin_s:g} s on"))
