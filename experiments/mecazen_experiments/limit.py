@@ -146,7 +146,7 @@ def pose_covariances(path: Wander, sensor: SensorConfig, duration: float) -> Flo
 def target_covariances(number: int) -> dict[Kind, Floats]:
     """Return the covariance (3, 3) of the targets of a walker's segments, by their kind."""
     drawn: dict[Kind, list[tuple[float, float, float]]] = {kind: [] for kind in Kind}
-    others = segments(Generator(PCG64([number, MOMENTS_OF])), walker(number)[0])
-    for _, segment in zip(range(MOMENTS_OF), others, strict=False):
+    drawn_segments = segments(Generator(PCG64([number, MOMENTS_OF])), walker(number)[0])
+    for _, segment in zip(range(MOMENTS_OF), drawn_segments, strict=False):
         drawn[segment.kind].append(segment.targets)
     return {kind: np.cov(np.array(rows).T) + KNOWN * np.eye(3) for kind, rows in drawn.items()}

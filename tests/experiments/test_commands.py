@@ -3,16 +3,19 @@
 import os
 import signal
 import sqlite3
+import subprocess
 import sys
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 from distributed import LocalCluster
-from experiments.conftest import experiment
-from harness import error_of
+from experiments.conftest import Folder, experiment
+from harness import ROOT, command, error_of
 from mecazen.errors import MecazenError
 
+GUARD_S = 300
+"""Far beyond the duration of all commands here: only a hang reaches it."""
 STANDING = """
 import os, signal
 from pathlib import Path
@@ -55,34 +58,51 @@ class Lethal(Standing):
 WALK = "t_s,x_m,y_m\n0,0,0\n1,0.5,0\n1.505,0.8,0\n"
 
 
-def write_standing(folder, name):
-    program = folder.write("standing.py", STANDING)
-    scenario = (folder.path / "short.toml").read_text()
-    folder.write("short.toml", f'programs.follower = "{program}:{name}"\n{scenario}')
+def start(folder: Folder, *options: object) -> subprocess.Popen[str]:
+    """Start the study as a shell does, in its own process group."""
+    words = ["experiment", "run", "study.toml", *options, "--csv", "out.csv"]
+    call = command(words) | {"cwd": folder.path, "process_group": 0}
+    return subprocess.Popen(**call, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+def finish(process: subprocess.Popen[str], code: int = 0) -> tuple[str, str]:
+    """Wait for a process that is to end with `code`; return its output and its errors."""
+    out, errors = process.communicate(timeout=GUARD_S)
+    assert process.returncode == code, errors
+    return out, errors.strip()
 
 
 @pytest.fixture
-def held(folder):
+def standing(folder):
+    """Give the study a follower of the program above; return the folder."""
+
+    def use(name):
+        program = folder.write("standing.py", STANDING)
+        scenario = (folder.path / "short.toml").read_text()
+        folder.write("short.toml", f'programs.follower = "{program}:{name}"\n{scenario}')
+        return folder
+
+    return use
+
+
+@pytest.fixture
+def held(standing):
     """A study whose run of seed 3 waits half-way, and a pipe in which it says so."""
-    write_standing(folder, "Held")
+    folder = standing("Held")
     os.mkfifo(folder.path / "pid")
     return folder
 
 
-@pytest.fixture(scope="module")
-def undisturbed(make_folder, tmp_path_factory):
-    """The rows of that study when nothing happens to it."""
-    folder = make_folder(tmp_path_factory.mktemp("undisturbed"))
-    write_standing(folder, "Held")
-    folder.write("held", "")
-    out, errors = folder.mecazen("run", "study.toml", "--jobs", 1, "--csv", "out.csv")
-    assert errors == "results: experiments.sqlite and out.csv"
-    for words in ("Errors", "D_err [m]", "short"):
-        assert words in out
+def check(folder):
+    """Check the rows against those of the same study that nothing disturbs."""
     rows = folder.runs("out.csv")
     assert [row["seed"] for row in rows] == ["1", "2", "3", "4"]
     assert len({row["trajectory"] for row in rows}) == 4
-    return rows
+    (folder.path / "experiments.sqlite").unlink()
+    out, errors = finish(start(folder, "--jobs", 1))
+    assert errors == "results: experiments.sqlite and out.csv"
+    assert all(words in out for words in ("Errors", "D_err [m]", "short"))
+    assert folder.runs("out.csv") == rows
 
 
 def stored(file: Path) -> int:
@@ -90,21 +110,20 @@ def stored(file: Path) -> int:
         return database.execute("select count(*) from runs").fetchone()[0]
 
 
-def test_after_ctrl_c_the_same_command_goes_on_from_there(held, undisturbed):
-    command = ("run", "study.toml", "--jobs", 2, "--csv", "out.csv")
-    process = held.popen(*command)
+def test_after_ctrl_c_the_same_command_goes_on_from_there(held):
+    process = start(held, "--jobs", 2)
     (held.path / "pid").read_text()
     while not stored(held.path / "experiments.sqlite"):
         pass  # a run before it is done, but may be on its way to the store
     os.killpg(process.pid, signal.SIGINT)
-    out, errors = held.finish(process, code=130)
+    out, errors = finish(process, code=130)
     assert out == ""
     assert errors.splitlines() == [errors]
     for words in ("interrupted after", "of 4 runs", "experiments.sqlite", "same command continues"):
         assert words in errors
     assert 1 <= stored(held.path / "experiments.sqlite") <= 3
-    held.mecazen(*command)
-    assert held.runs("out.csv") == undisturbed
+    finish(start(held, "--jobs", 2))
+    check(held)
 
 
 @pytest.fixture(params=["processes", "Dask"])
@@ -120,17 +139,16 @@ def workers(request):
         yield "--cluster", cluster.scheduler_address
 
 
-def test_a_worker_that_is_killed_loses_nothing(held, undisturbed, workers):
-    process = held.popen("run", "study.toml", *workers, "--csv", "out.csv")
+def test_a_worker_that_is_killed_loses_nothing(held, workers):
+    process = start(held, *workers)
     os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
-    _, errors = held.finish(process)
-    assert errors == "results: experiments.sqlite and out.csv"
-    assert held.runs("out.csv") == undisturbed
+    finish(process)
+    check(held)
 
 
-def test_a_run_that_kills_its_workers_is_named_and_the_others_are_shown(folder):
-    write_standing(folder, "Lethal")
-    out, errors = folder.mecazen("run", "study.toml", "--jobs", 2, "--csv", "out.csv", code=1)
+def test_a_run_that_kills_its_workers_is_named_and_the_others_are_shown(standing):
+    folder = standing("Lethal")
+    out, errors = finish(start(folder, "--jobs", 2), code=1)
     assert errors.splitlines() == [
         "results: experiments.sqlite and out.csv",
         "error: short, seed 3: its worker died, each time it was tried",
@@ -205,3 +223,19 @@ def test_without_dask_the_cluster_names_what_to_install(inside, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MecazenError, match=r"--cluster needs Dask: .*\[cluster\]"):
         experiment("run", "study.toml", "--cluster", "tcp://127.0.0.1:1")
+
+
+def test_the_study_of_the_document_makes_two_tables_and_a_figure(tmp_path, monkeypatch, capsys):
+    study = ROOT / "examples" / "new" / "my_study.toml"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mecazen.loading.OWN", ROOT)  # scenarios by name
+    experiment(
+        *("run", study, "--seeds", 1, "--only", "case=circle", "--jobs", 1),
+        *("--set", "sim.duration_s=2.0", "--csv", "mine.csv", "--figures", "out"),
+    )
+    out = capsys.readouterr().out
+    for words in ("Errors", "Gain of the filter", "circle", "raw", "D_err [m]", "D_err of raw"):
+        assert words in out
+    assert len(Path("mine.csv").read_text().splitlines()) == 1 + 2 * 2
+    assert Path("out/standoff.png").read_bytes().startswith(b"\x89PNG")
+    assert Path("out/standoff.svg").exists()

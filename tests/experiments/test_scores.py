@@ -82,14 +82,6 @@ def test_without_a_person_who_moves_there_are_no_measures(target):
     assert {*score(table, BACK).values()} == {None}
 
 
-def test_a_twist_in_the_body_is_turned_to_world():
-    # straight on in world while turning: no acceleration
-    person, yaw = line(100), 0.05 * np.arange(100)
-    straight = twist("robot", np.cos(yaw), -np.sin(yaw), 5.0)
-    scores = score(run(100, target=person, robot=(person.x, person.y, yaw), **straight), BACK)
-    assert scores["acceleration_rms_m_s2"] == pytest.approx(0.0, abs=1e-12)
-
-
 @pytest.mark.parametrize("every", [1, 4])
 def test_a_command_that_goes_to_and_fro_varies_by_each_step(every):
     ticks = 101  # the first motion is in tick 1; commands come in 4, 8, …, 100
