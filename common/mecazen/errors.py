@@ -20,7 +20,7 @@ LIBRARIES = {
     "viewer": "rerun",
     "recorder": "mcap",
     "ros2": "rosbags",
-    "studies": "pandas",
+    "studies": "optuna",
     "bench": "psutil",
 }
 """A library of each extra, by extra; the extra of a service has the service's name."""
