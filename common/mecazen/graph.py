@@ -24,6 +24,8 @@ SIMULATED = frozenset(
     ]
 )
 """All features of simulated scenarios; see `Scenario.features`."""
+SEARCHES = frozenset(("body", "lidar", "guard"))
+"""The features with which the follower searches for a lost person."""
 REAL = frozenset(("hardware", "guard"))
 """The features of a real robot that change its nodes."""
 
@@ -123,7 +125,7 @@ def rows(features: Set[str]) -> tuple[Row, ...]:
         summary = "finds persons by their legs in a scan"
         nodes.append(_perception("legs", "LegsNode", summary, keys.SCAN, keys.LEGS))
     seen: list[Topic[Any]] = [keys.OBSERVATION, keys.LEGS]
-    if "planner" in features:
+    if "planner" in features or features >= SEARCHES:
         seen.append(keys.SCAN)
     nodes.append(
         Row(

@@ -14,8 +14,10 @@ from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.skeleton import INDEX, LIMBS
+from mecazen_follower.tracker import TrackingState
+from mecazen_tools.losses import LOST
 from mecazen_tools.observe import PELVIS, PersonOverTime, Watched, watch
-from mecazen_tools.table import Bools, Floats, Poses, first_motion
+from mecazen_tools.table import Bools, Floats, Poses, Table, first_motion
 
 from mecazen_experiments.scores import score
 
@@ -35,6 +37,9 @@ _BEGINS = [INDEX[limb.begin] for limb in LIMBS]
 _ENDS = [INDEX[limb.end] for limb in LIMBS]
 _RADII = np.array([limb.radius for limb in LIMBS])
 
+FOUND_M = 0.5
+"""Greatest error of an estimate of the person who is found again, and no other."""
+
 
 def safety(job: Job) -> dict[str, float | str | None]:
     """Simulate a job; return the measures of the run, and the hash of its trajectory."""
@@ -52,7 +57,8 @@ def measure(run: Watched, scenario: Scenario) -> dict[str, float | str | None]:
     any person below 1 s, `view_percent` the share of the camera's frames that show the person,
     `regain_s` the longest time without such a frame, and `frozen_s` the time in which the robot
     stands 0.5 m or more from its goal while the person walks. D_err, Θ_err and jerk are those of
-    `scores.score`.
+    `scores.score`. `lost` is 1 if the person was lost, `lost_s` the time of it, and `found_s`
+    the time from the last sight before the first loss until the person, and no other, is followed.
     """
     robot, step_s = scenario.robot, float(np.mean(np.diff(run.t)))
     person, *pedestrians = (
@@ -79,6 +85,7 @@ def measure(run: Watched, scenario: Scenario) -> dict[str, float | str | None]:
         "d_err_m": following["d_err_m"],
         "theta_err_deg": following["theta_err_deg"],
         "frozen_s": _frozen(run, scenario, begin),
+        **_refound(run.table),
         "jerk_rms_m_s3": following["jerk_rms_m_s3"],
         "time_s": float(run.table["t_s"][-1]),
     }
@@ -115,6 +122,22 @@ def _frozen(run: Watched, scenario: Scenario, begin: int) -> float:
     stands = np.hypot(table["robot_vx_m_s"], table["robot_vy_m_s"]) < STILL_M_S
     walks = np.hypot(table["target_vx_m_s"], table["target_vy_m_s"]) > STILL_M_S
     return float(np.sum(is_away & stands & walks)) * table.tick_s
+
+
+def _refound(table: Table) -> dict[str, float | None]:
+    """Return whether the person was lost, and the time from the last sight to the next."""
+    states, t = table.tracking, table["t_s"]
+    lost = np.flatnonzero(np.isin(states, LOST))
+    if not lost.size:
+        return {"lost": 0.0, "found_s": None, "lost_s": 0.0}
+    seen = states == TrackingState.FOLLOWING
+    robot, odom, person = (table.poses(name) for name in ("robot", "odom", "target"))
+    truth, estimate = odom.compose(robot.between(person)), table.poses("estimate")
+    right = seen & (np.hypot(truth.x - estimate.x, truth.y - estimate.y) < FOUND_M)
+    last = np.flatnonzero(seen[: lost[0]])[-1]
+    again = np.flatnonzero(right[lost[0] :])
+    found = float(t[lost[0] + again[0]] - t[last]) if again.size else None
+    return {"lost": 1.0, "found_s": found, "lost_s": len(lost) * table.tick_s}
 
 
 def _least(gaps: Floats) -> float | None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, Standoff
 from mecazen_follower.tracker import TrackingState
+from mecazen_tools.losses import LOST
 from mecazen_tools.observe import observe
 from mecazen_tools.table import Floats, Poses, Table, deviations, first_motion, wrap
 from mecazen_tools.trajectory import COVARIANCE
@@ -84,7 +85,7 @@ def score(table: Table, standoff: Standoff, after_s: float = 0.0) -> Measures:
         "nees": _of(np.mean, consistency),
         "nees_p95": _of(_p95, consistency),
         "coasting_s": _time(table, TrackingState.COASTING),
-        "lost_s": _time(table, TrackingState.LOST),
+        "lost_s": _time(table, *LOST),
         "odometry_drift_percent": _drift(table.where(~np.isnan(table["odom_x_m"]))),
     }
 
@@ -125,10 +126,10 @@ def _variation(table: Table, command: Floats | npt.NDArray[np.complex128]) -> fl
     return float(abs(np.diff(command)).sum() / (t[-1] - t[0]))
 
 
-def _time(table: Table, state: TrackingState) -> float | None:
-    """Return the time in a state [s]; a state holds until the next report."""
+def _time(table: Table, *states: str) -> float | None:
+    """Return the time in some states [s]; a state holds until the next report."""
     reported = table.tracking[table.tracking != ""]
-    share = _of(np.mean, (reported == state).astype(np.float64))
+    share = _of(np.mean, np.isin(reported, states).astype(np.float64))
     return None if share is None else share * len(table) * table.tick_s
 
 

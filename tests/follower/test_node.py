@@ -4,7 +4,7 @@ import math
 
 import msgspec
 import pytest
-from follower.rooms import scan
+from follower.rooms import scan, wall
 from harness import SCENARIOS, Rig, Steps, error_of, load_robot
 from hostile import forged
 from mecazen import keys
@@ -29,6 +29,7 @@ from mecazen_follower.node import FollowerNode
 NEXUS = load_robot()
 ZEROS = (0.0,) * 36
 ORIGIN, AHEAD, PERSON = Pose2D(), Pose2D(1.5), Pose2D(1.5, 0.3, 0.2)
+WALL = wall(1.0, 2.0, 1.0)
 _LINEAR = LinearGains(kp=1.0, ki=0.0, limit=2.0)
 PROPORTIONAL = PidControl(_LINEAR, _LINEAR, AngularGains(kp=1.0, ki=0.0, limit=2.0))
 """1 m/s for each metre that is missing."""
@@ -162,6 +163,30 @@ def test_the_state_gives_the_reason_of_a_loss(last, frame, reason):
         assert state.reason == ("" if state.tracking == "following" else reason), tick
     assert state.tracking == "lost"
     assert follower.node.diagnostics()["reason"] == reason
+
+
+@pytest.mark.parametrize(
+    ("kind", "search_s", "tracking", "plan"),
+    [
+        ("fused", 60.0, "searching", "searching"),
+        ("fused", 5.0, "lost", "waiting"),
+        ("fused", 0.0, "lost", ""),
+        ("body", 60.0, "lost", ""),  # no lidar
+    ],
+)
+def test_a_robot_with_lidar_and_camera_searches(kind, search_s, tracking, plan):
+    follower = Follower(kind=kind, estimator="imm", lost_after_s=1.0, search_s=search_s)
+    gone, end = 50, 650
+    for tick in range(end):
+        person = AHEAD if tick < gone and tick % 4 == 0 else None
+        samples = {}
+        if tick % 10 == 0 and kind == "fused":
+            header = m.Header(m.Time.from_ns(tick * follower.tick_ns), "laser")
+            samples["scan"] = msgspec.structs.replace(scan(ORIGIN, WALL), header=header)
+        twist, state = follower.tick(tick, person=person, **samples)
+    assert (state.tracking, state.plan) == (tracking, plan)
+    assert (twist.x != 0.0) == (tracking == "searching")
+    assert bool(state.plan_reason) == bool(plan)
 
 
 @pytest.mark.parametrize("latency", [3, 600])  # 6 s: longer than odometry is kept otherwise

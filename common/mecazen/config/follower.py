@@ -204,7 +204,9 @@ class FollowerConfig(Section):
     coast_after_s: Positive = 0.1
     """Time without an observation after which the tracking state is `coasting`."""
     lost_after_s: Positive = 4.0
-    """Time without an observation after which the person is `lost` and the robot stops."""
+    """Time without an observation after which the person is `lost`: the robot searches or stops."""
+    search_s: Live[NonNegative] = 60.0
+    """Time without an observation up to which the robot searches; 0: it does not search."""
 
     def __post_init__(self) -> None:
         if (self.bearing_deg is None) != (self.heading_deg is None):

@@ -123,7 +123,7 @@ class FollowerState(Message):
 
     header: Header = Header()
     tracking: str = ""
-    """waiting, following, coasting or lost."""
+    """waiting, following, coasting, searching or lost."""
     reason: str = ""
     """Why the person is not seen, or after a loss why they got lost: a word of `Unseen`, or that of
     the sensor; empty while following."""
@@ -142,9 +142,10 @@ class FollowerState(Message):
     """Simulated time since the last frame that showed the person [s]."""
     plan: str = ""
     """open (nothing is near), avoiding, gave_up_distance, gave_up_visibility, gave_up_bearing,
-    gave_up_heading or waiting; empty without a planner."""
+    gave_up_heading or waiting; empty without a planner. While the person is lost, searching, or
+    waiting at the end of the search."""
     plan_reason: str = ""
-    """Reason for a plan other than open."""
+    """Reason for a plan other than open; what a robot that searches looks at."""
 
 
 class GuardState(Message):

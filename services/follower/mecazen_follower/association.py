@@ -114,8 +114,15 @@ class OtherTrack:
     def __init__(self, time: float, seen: Measurement) -> None:
         self._walker = WalkerTrack.begin(time, seen.pose[:2], spread(seen.covariance))
         self._identity = seen.identity
+        self.begin = time
+        """Time of the first detection [s]."""
         self._place = time, seen.pose[:2]
         """Time since which the track is near a place, and that place."""
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """The position [m]."""
+        return self._walker.x, self._walker.y
 
     @property
     def stands(self) -> bool:
@@ -135,8 +142,7 @@ class OtherTrack:
 
     def claims(self, seen: Measurement) -> bool:
         """Return whether a detection is where this track stands."""
-        place = self._walker.x, self._walker.y
-        return self.stands and math.dist(place, seen.pose[:2]) <= STILL_M
+        return self.stands and math.dist(self.place, seen.pose[:2]) <= STILL_M
 
     def cost(self, seen: Measurement) -> float:
         """Return the cost of assigning a detection to this track; infinite outside the gate."""
@@ -162,9 +168,8 @@ class OtherTrack:
         else:
             self._walker = walker.corrected((x, y), spread(seen.covariance))
         self._identity = seen.identity or self._identity
-        place = self._walker.x, self._walker.y
-        if math.dist(self._place[1], place) > STILL_M:
-            self._place = self._walker.time, place
+        if math.dist(self._place[1], self.place) > STILL_M:
+            self._place = self._walker.time, self.place
 
 
 class Association:
@@ -219,9 +224,7 @@ class Association:
         """
         if not seen:
             return None
-        for track in self._others:
-            track.predict(time)
-        self._others = [track for track in self._others if not track.is_old]
+        self._predict(time)
         if len(seen) > CROWD:
             place = expected if person is None else person.pose
             seen = sorted(seen, key=lambda measurement: measurement.pose.distance(place))[:CROWD]
@@ -229,7 +232,7 @@ class Association:
             return self._restart(nearest(seen, expected))
         if unseen > self._patience:
             return self._restart(nearest(seen, person.pose))
-        mine, free = self._assign(person, seen, GATE if begins else NAMELESS_GATE)
+        mine, free = self._assign(seen, person, GATE if begins else NAMELESS_GATE)
         last = self._last if unseen > DOUBT_S else person.pose
         # a person out of sight may have stopped anywhere on the predicted path
         far = [
@@ -255,6 +258,25 @@ class Association:
         self._add(time, far)
         return None
 
+    def forget_since(self, time: float) -> None:
+        """Forget all who have appeared since a time [s]: any of them may be the person."""
+        self._others = [track for track in self._others if track.begin <= time]
+
+    def watch(self, time: float, seen: Sequence[Measurement]) -> None:
+        """Follow the other people while the person is lost."""
+        self._predict(time)
+        self._assign(seen)
+
+    @property
+    def strangers(self) -> list[tuple[float, float]]:
+        """Positions of the other people [m]."""
+        return [track.place for track in self._others]
+
+    def _predict(self, time: float) -> None:
+        for track in self._others:
+            track.predict(time)
+        self._others = [track for track in self._others if not track.is_old]
+
     def _add(self, time: float, seen: Sequence[Measurement]) -> None:
         """Begin tracks of other people."""
         self._others = [*self._others, *(OtherTrack(time, detection) for detection in seen)][
@@ -262,23 +284,25 @@ class Association:
         ]
 
     def _assign(
-        self, person: Estimate, seen: Sequence[Measurement], gate: float
+        self, seen: Sequence[Measurement], person: Estimate | None = None, gate: float = GATE
     ) -> tuple[Measurement | None, list[Measurement]]:
         """Return the person's measurement and those without a known track; update other tracks.
 
         Pairs of track and measurement are taken in the order of their likelihood, those with
         standing tracks first: a thing in front of a hidden person is not that person.
         """
-        tracks: list[OtherTrack | None] = [None, *self._others]
+        tracks = [*self._others] if person is None else [None, *self._others]
         named = any(detection.has_id(self._identity) for detection in seen)
         pairs = []
         for i, detection in enumerate(seen):
             for j, track in enumerate(tracks):
                 if track is None and named and not detection.has_id(self._identity):
                     continue  # a sensor does not see a person twice
-                cost = (
-                    self._cost(person, detection, gate) if track is None else track.cost(detection)
-                )
+                cost = math.inf
+                if track is not None:
+                    cost = track.cost(detection)
+                elif person is not None:
+                    cost = self._cost(person, detection, gate)
                 if cost < math.inf:
                     pairs.append((track is None or not track.claims(detection), cost, i, j))
         mine, assigned, used = None, set[int](), set[int]()

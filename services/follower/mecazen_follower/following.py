@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
 from mecazen.config import FollowerConfig, SensorConfig
-from mecazen.config.follower import PidControl
+from mecazen.config.follower import PidControl, PolarControl
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, StandoffErrors, Twist2D, rotate, wrap
+from mecazen.messages import LaserScan
 
 from mecazen_follower.control import (
     ALL_AROUND,
+    HEADING_BRAKING_RAD_S2,
+    LINEAR_BRAKING_M_S2,
     FieldOfView,
     PolarController,
     PoseController,
+    approach,
 )
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import Plan
 from mecazen_follower.planner.mppi import Planner
+from mecazen_follower.search import Look, Search
 from mecazen_follower.tracker import Frame, PersonTracker, TrackingState
 
 HARDLY_WALKS_M_S, UNKNOWN_RAD = 0.2, math.radians(25.0)
@@ -28,6 +34,10 @@ than the second, a person has no direction that the robot could go round them fo
 
 SEARCH = 1.0
 """Yaw rate at which a robot without an all-around view searches for a lost person [rad/s]."""
+NEAR_M = 0.3
+"""A place that is nearer has no direction [m]."""
+SEARCH_GAIN_1_S, SEARCH_M_S, SEARCH_RAD_S = 2.0, 1.0, 2.0
+"""Gain of the way, and greatest speeds [m/s, rad/s], of a robot that searches."""
 
 
 class Step(NamedTuple):
@@ -44,7 +54,7 @@ class Step(NamedTuple):
     goal: Pose2D = Pose2D()
     errors: StandoffErrors = StandoffErrors(0.0, 0.0, 0.0)
     plan: Plan | None = None
-    """The planner's decision while the robot follows; None without a planner."""
+    """The decision of the planner, or of the search for a lost person; None without either."""
 
 
 class Following:
@@ -58,6 +68,7 @@ class Following:
         view: FieldOfView = ALL_AROUND,
         hold: float = 0.0,
         planner: Planner | None = None,
+        begin_search: Callable[[Estimate], Search] | None = None,
     ) -> None:
         self.people = PersonTracker(config, sensor, hold)
         self._controller: PoseController | PolarController
@@ -66,6 +77,10 @@ class Following:
         else:
             self._controller = PolarController(config.standoff, config.control, drive, view)
         self.planner = planner
+        self._begin_search = begin_search
+        self._stop_search()
+        self._sight: Estimate | None = None
+        """The person when last seen."""
         self.configure(config, drive, view)
         self._side = 1.0
         self._pending: deque[tuple[Twist2D, float]] = deque()
@@ -74,6 +89,8 @@ class Following:
     def configure(self, config: FollowerConfig, drive: Drive, view: FieldOfView) -> None:
         """Continue with changed gains, limits or standoff."""
         self._standoff, self._response, self._view = config.standoff, config.response_s, view
+        self._drive, self._search_s = drive, config.search_s
+        self._law = config.control if isinstance(config.control, PolarControl) else PolarControl()
         if isinstance(config.control, PidControl):
             assert isinstance(self._controller, PoseController)  # its kind can't change
             self._controller.configure(config.control)
@@ -86,6 +103,8 @@ class Following:
     def forget(self) -> None:
         """Forget everything that has a place in odom, since odom has changed."""
         self.people.forget()
+        self._stop_search()
+        self._sight = None
         self._controller.stop()
         if self.planner is not None:
             self.planner.forget()
@@ -96,26 +115,72 @@ class Following:
         tracking, unseen = self.people.state, self.people.unseen
         if person is None:
             return Step(self._send(self._controller.stop(), dt), tracking, 0.0)
-        lost = tracking is TrackingState.LOST
-        command = self._search() if lost else self._drive(time, person, robot, dt)
-        if not lost:
+        lost, plan = tracking is TrackingState.LOST, None
+        if lost:
+            command, plan = self._search(unseen, robot, dt)
+            if plan is not None and plan.state == "searching":
+                tracking = TrackingState.SEARCHING
+        else:
+            self._stop_search()
+            if tracking is TrackingState.FOLLOWING:
+                self._sight = person
+            command = self._follow(time, person, robot, dt)
             seen = robot.between(person.pose)
             self._side = rotate(seen.x, seen.y, -self._view.centre)[1]
+            plan = None if self.planner is None else self.planner.plan
         goal = self._standoff.goal(person.pose)
         errors = self._standoff.errors(person.pose, robot)
-        plan = None if lost or self.planner is None else self.planner.plan
         return Step(self._send(command, dt), tracking, unseen, person, goal, errors, plan)
 
-    def _search(self) -> Twist2D:
-        """Return the zero twist, or a turn to the side on which the person left the view."""
+    def _stop_search(self) -> None:
+        self._searching: Search | None = None
+        self._look: Look | None = None
+        self._sent = Twist2D()
+
+    def see(self, time: float, scan: LaserScan, robot: Pose2D, lidar: Pose2D) -> None:
+        """Update planner and search with a scan captured at `time` [s] from poses in odom."""
+        if self.planner is not None:
+            self.planner.see(time, scan, lidar)
+        if self._searching is not None:
+            self._searching.see(scan, lidar, robot)
+            self._look = self._searching.look(robot, self.people.strangers)
+
+    def _search(self, unseen: float, robot: Pose2D, dt: float) -> tuple[Twist2D, Plan | None]:
+        """Return the command for a person who is lost: drive and look, or turn, or stand."""
         twist = self._controller.stop()
         if self.planner is not None:
             self.planner.clear_plan()
+        plan = None
+        if self._begin_search is not None and self._sight is not None:
+            if self._searching is None:
+                self._searching = self._begin_search(self._sight)
+                self._look = Look(robot[:2], self._sight.pose[:2], "where the person was last seen")
+                self.people.begin_search()
+            look = self._look if unseen < self._search_s else None
+            if look is not None:
+                return self._towards(look, robot, dt), Plan("searching", look.reason)
+            plan = Plan("waiting", "the person was not found again")
         if self._view == ALL_AROUND:
-            return twist
-        return twist._replace(yaw=math.copysign(SEARCH, self._side))
+            return twist, plan
+        return twist._replace(yaw=math.copysign(SEARCH, self._side)), plan
 
-    def _drive(self, time: float, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
+    def _towards(self, look: Look, robot: Pose2D, dt: float) -> Twist2D:
+        """Return the command on the way to a look, with the camera turned to its place."""
+        dx, dy = look.way[0] - robot.x, look.way[1] - robot.y
+        distance = max(math.hypot(dx, dy), 1e-6)
+        speed = min(SEARCH_M_S, approach(distance, SEARCH_GAIN_1_S, LINEAR_BRAKING_M_S2))
+        x, y = rotate(dx / distance * speed, dy / distance * speed, -robot.yaw)
+        yaw = 0.0
+        to_x, to_y = look.place[0] - robot.x, look.place[1] - robot.y
+        if math.hypot(to_x, to_y) > NEAR_M:
+            off = wrap(math.atan2(to_y, to_x) - robot.yaw - self._view.centre)
+            yaw = approach(off, self._law.heading_gain_1_s, HEADING_BRAKING_RAD_S2)
+            yaw = min(max(yaw, -SEARCH_RAD_S), SEARCH_RAD_S)
+        self._sent = self._drive.step(self._sent, Twist2D(x, y, yaw), self._law.max_speed_m_s, dt)
+        self._controller.resume(self._sent)
+        return self._sent
+
+    def _follow(self, time: float, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
         """Return the command for the time at which the robot responds to it.
 
         Until then the person walks on, and the robot executes the pending commands.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
+from functools import partial
 from itertools import repeat
 
 from mecazen import messages as m
@@ -11,6 +13,7 @@ from mecazen.config import FollowerConfig, Scenario, SensorConfig
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, PoseHistory, Twist2D, jumped, rotate, wrap
+from mecazen.graph import SEARCHES
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
 from mecazen.messages import PlanarCovariance, planar_covariance, ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
@@ -24,6 +27,7 @@ from mecazen_follower.estimators import Estimate
 from mecazen_follower.following import Following, Step
 from mecazen_follower.planner.costs import Extents
 from mecazen_follower.planner.mppi import Planner
+from mecazen_follower.search import Search
 from mecazen_follower.tracker import Frame, TrackingState
 
 logger = logging.getLogger(__name__)
@@ -76,7 +80,8 @@ class FollowerNode(Node):
         # scans wait for camera frames, which arrive later
         hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
         planner = make_planner(self.scenario, sensor, seed)
-        self.following = Following(self.config, sensor, drive, view, hold_s, planner)
+        begin_search = make_search(self.scenario, sensor)
+        self.following = Following(self.config, sensor, drive, view, hold_s, planner, begin_search)
         self._forget_poses()
         self.state: m.FollowerState | None = None
         self._newest = m.Observation()
@@ -153,9 +158,9 @@ class FollowerNode(Node):
             logger.info("msg=%s%s", tracking, f" reason={reason!r}" if reason else "")
 
     def _take_scan(self, inputs: Inputs) -> None:
-        """Pass a scan to the planner, transformed with the robot's pose at its capture."""
-        scan, planner = inputs.get(SCAN), self.following.planner
-        if scan is None or planner is None:
+        """Pass a scan to planner and search, with the robot's pose at its capture."""
+        scan = inputs.get(SCAN)
+        if scan is None:
             return
         stamp_ns = scan.header.stamp.ns
         try:
@@ -163,7 +168,7 @@ class FollowerNode(Node):
         except RefusedError as refusal:
             inputs.refuse(SCAN, str(refusal))
             return
-        planner.see(stamp_ns / NS_PER_S, scan, robot.compose(self.lidar))
+        self.following.see(stamp_ns / NS_PER_S, scan, robot, robot.compose(self.lidar))
 
     def _frame(self, now_ns: int, inputs: Inputs, topic: Topic[m.Observation]) -> Frame | None:
         """Return the persons of a topic's new frame in odom; None if it is refused or empty."""
@@ -266,6 +271,18 @@ def make_planner(
         _field_of(scenario, sensor),
         seed,
         has_real_lidar=scenario.has_real_lidar,
+    )
+
+
+def make_search(scenario: Scenario, sensor: SensorConfig) -> Callable[[Estimate], Search] | None:
+    """Return what begins a search for a lost person, if the robot has a lidar and a camera."""
+    if not scenario.features >= SEARCHES or scenario.follower.search_s == 0.0:
+        return None
+    return partial(
+        Search,
+        view=_field_of(scenario, sensor),
+        footprint=scenario.robot.footprint,
+        is_real=scenario.has_real_lidar,
     )
 
 

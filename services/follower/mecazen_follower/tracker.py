@@ -40,6 +40,8 @@ MEMORY_S = 5.0
 """Time constant of the mean [s]."""
 LONGEST_FRAME_S = 0.1
 """Longest frame period [s]: over a longer period the person's acceleration exceeds the noise."""
+NAMELESS_S = 2.0
+"""Time without the person after which legs alone are not the person [s]."""
 DOUBTED, MAX_RATIO = 1.5, 9.0
 """Ratios of variances: a ratio below `DOUBTED` may be chance; `MAX_RATIO` is the upper bound."""
 
@@ -53,6 +55,8 @@ class TrackingState(StrEnum):
     """Seen."""
     COASTING = "coasting"
     """Not seen at the moment; the robot follows the prediction."""
+    SEARCHING = "searching"
+    """Not seen for too long; the robot looks for the person."""
     LOST = "lost"
     """Not seen for too long; the robot stops."""
 
@@ -173,6 +177,16 @@ class PersonTracker:
         self._time: float | None = None
         """Time of the estimate [s]; None if there is none."""
 
+    @property
+    def strangers(self) -> list[tuple[float, float]]:
+        """Positions of all who are known not to be the person [m]."""
+        return self._association.strangers
+
+    def begin_search(self) -> None:
+        """Take no one who has appeared since the loss for another person."""
+        if self._last_seen is not None:
+            self._association.forget_since(self._last_seen)
+
     def add(self, frame: Frame) -> None:
         """Add a frame for the next step, in addition to the step's `frame`."""
         self._waiting.append(frame)
@@ -222,9 +236,12 @@ class PersonTracker:
         captured, measurements, begins = frame
         lost = self.state is TrackingState.LOST
         is_late = captured <= self._captured[begins] or captured < self._captured[not begins]
-        if not measurements or is_late or (not begins and (lost or self._time is None)):
+        if not measurements or is_late or (not begins and self._time is None):
             return False
         self._captured[begins] = captured
+        if not begins and self.unseen > NAMELESS_S:
+            self._association.watch(captured, measurements)
+            return False
         self._latencies.append(time - captured)
         latency = max(self._least_latency, *self._latencies)
         if not -ROUNDING_S <= latency - self._latency <= 0.0:

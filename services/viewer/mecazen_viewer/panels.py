@@ -85,6 +85,7 @@ LEVELS = (
 LEVEL_NAMES = ("ok", "warning", "error", "stale")
 STATE_LEVELS = {
     "coasting": rr.TextLogLevel.WARN,
+    "searching": rr.TextLogLevel.ERROR,
     "lost": rr.TextLogLevel.ERROR,
     "stop": rr.TextLogLevel.WARN,
     "blind": rr.TextLogLevel.ERROR,

@@ -71,7 +71,7 @@ class Rollout(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """The planner's state: open, avoiding, gave_up_<priority> or waiting; and the reason."""
+    """What the robot does: open, avoiding, gave_up_<priority>, searching or waiting; the reason."""
 
     state: str
     reason: str = ""
