@@ -15,9 +15,9 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.skeleton import INDEX, LIMBS
 from mecazen_follower.tracker import TrackingState
-from mecazen_tools.losses import LOST
 from mecazen_tools.observe import PELVIS, PersonOverTime, Watched, watch
 from mecazen_tools.table import Bools, Floats, Poses, Table, first_motion
+from mecazen_tools.trajectory import LOST
 
 from mecazen_experiments.scores import score
 

@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from mecazen.geometry import Pose2D, Standoff
 from mecazen_follower.tracker import TrackingState
-from mecazen_tools.losses import LOST
 from mecazen_tools.observe import observe
 from mecazen_tools.table import Floats, Poses, Table, deviations, first_motion, wrap
-from mecazen_tools.trajectory import COVARIANCE
+from mecazen_tools.trajectory import COVARIANCE, LOST
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job

@@ -1,6 +1,5 @@
 """A person walks out of sight behind a corner: the robot searches and finds them again."""
 
-
 from harness import SCENARIOS
 from mecazen.loading import load_scenario
 from mecazen_tools.simulation import Simulation
