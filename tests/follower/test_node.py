@@ -380,7 +380,8 @@ def test_settings_that_a_users_follower_does_not_read_are_refused(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("mecazen.programs._loaded", {})
     programs = {"follower": "my.py:Blind"}
-    live = LiveParameters(msgspec.structs.replace(scenario, programs=programs), refuse_unsuitable)
+    scenario = msgspec.structs.replace(scenario, programs=programs)
+    live = LiveParameters(scenario, refuse_unsuitable, lambda _: None)
     if line is None:
         live.set({"follower.standoff_m": 2})
         assert live.requested.follower.standoff_m == 2.0

@@ -23,7 +23,9 @@ class Simulation:
     """The parameters of a scenario, and those of one of its nodes."""
 
     def __init__(self, scenario="back", node="follower", robot=""):
-        self.live = LiveParameters(load_scenario(SCENARIOS / f"{scenario}.toml"), lambda *_: None)
+        self.live = LiveParameters(
+            load_scenario(SCENARIOS / f"{scenario}.toml"), lambda *_: None, lambda _: None
+        )
         self.node = NodeParameters(node, robot, self.ask)
 
     def ask(self, call, request):
