@@ -13,6 +13,7 @@ from traceback import extract_tb
 LIBRARIES = {
     "physics": "dartpy",
     "sensors": "mujoco",
+    "robots": "mujoco",
     "target": "scipy",
     "crowd": "scipy",
     "follower": "filterpy",

@@ -11,8 +11,7 @@ from harness import load_robot
 from mecazen.config.world import Box, Cylinder, PersonConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import Robot
-from mecazen.rollers import lateral_gain
-from mecazen_bench.engine import yaw_gain
+from mecazen.rollers import lateral_gain, yaw_gain
 from mecazen_physics.state import DivergedError
 from msgspec.structs import replace
 from physics_rig import Rig, trajectory, wheel_speeds

@@ -287,6 +287,28 @@ def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(extend):
     assert moved[-1] == moved[-50]
 
 
+# robot.md
+
+ROBOT = (ROOT / "docs" / "robot.md").read_text()
+
+
+def test_a_robot_is_imported_and_follows_as_on_the_page(tmp_path):
+    pytest.importorskip("xacrodoc")
+    for file in (ROOT / "tests" / "tools" / "robots").iterdir():
+        text = re.sub(r'name="(Fixed-Wheels|turning)"', 'name="my_robot"', file.read_text())
+        suffix = file.name.partition(".")[2]
+        name = file.name if suffix == "yaml" else f"my_robot.{suffix}"
+        (tmp_path / name).write_text(text)
+    printed = ""
+    for kind, block in BLOCK.findall(ROBOT):
+        if kind == "text":
+            assert_shown(printed, block.splitlines())
+        else:
+            for line in block.splitlines():
+                short = ["--duration", "2"] * ("simulate" in line)
+                printed += run([[*shlex.split(line), *short]], tmp_path)
+
+
 # hardware.md
 
 

@@ -36,6 +36,7 @@ EXTRAS = {
         "score": "mecazen_tools.cli.recording:score",
         "plot": "mecazen_tools.cli.recording:plot",
     },
+    "robots": {"robot": "mecazen_tools.cli.robot:app"},
     "viewer": {"view": "mecazen_tools.cli.view:view"},
     "studies": {
         "experiment": "mecazen_experiments.cli:app",
