@@ -7,6 +7,7 @@ alignment is CDR's.
 
 from __future__ import annotations
 
+import math
 import struct
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -16,7 +17,7 @@ from typing import Any
 
 import msgspec
 from mecazen.errors import RefusedError
-from mecazen.messages import LaserScan, Message, MessageT, Twist, finite_scan
+from mecazen.messages import JointState, LaserScan, Message, MessageT, Twist, finite_scan
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 
@@ -29,6 +30,18 @@ CODES = {
     "int64": "q", "uint64": "Q", "float32": "f", "float64": "d", "bool": "?", "byte": "B",
 }  # fmt: skip
 
+
+def _finite_joints(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields of a JointState without lists with NaN: ROS 2's broadcaster sends those."""
+    lists = ("position", "velocity", "effort")
+    return fields | {name: [] for name in lists if not all(map(math.isfinite, fields[name]))}
+
+
+FINITE: dict[type[Message], Callable[[dict[str, Any]], dict[str, Any]]] = {
+    LaserScan: finite_scan,
+    JointState: _finite_joints,
+}
+"""Messages in which drivers of ROS send NaN or infinity, and what replaces them."""
 Add = Callable[[Any, list[Any]], str]
 """Adds a field to the values to pack, and returns its format."""
 
@@ -59,9 +72,9 @@ def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
         try:
             return msgspec.convert(fields, kind, builtin_types=(bytes,))
         except msgspec.ValidationError:
-            if kind is not LaserScan:
+            if kind not in FINITE:
                 raise
-            return msgspec.convert(finite_scan(fields), kind)
+            return msgspec.convert(FINITE[kind](fields), kind)
     except (SerdeError, msgspec.ValidationError, RosTypeError) as error:
         raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
 

@@ -263,4 +263,4 @@ def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path):
     view = Command("view", file)
     view.read_until("http")
     (line,) = view.end()[2].splitlines()
-    assert "not of `mecazen record`; shown without the scene" in line
+    assert "can't be read as a recording of ROS 2: Profile is not ros2.; shown without" in line

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+import numpy as np
 from mecazen import keys
 from mecazen.config import Scenario
 from mecazen.robots import join_key, split_key
+from mecazen.wire import NS_PER_S
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
 from msgspec.structs import replace
 
 from mecazen_tools.trajectory import SOURCES, Columns, Row, Trajectory
 
+MAX_GAP_NS = NS_PER_S // 2
+"""Longest time without a pose of a person in a recording of others."""
 Rows = dict[str, dict[int, Row]]
 """The values of a run by key, which includes the robot's name, and by simulated time [ns]."""
 
@@ -55,15 +61,32 @@ def trajectory_of(recording: Recording, number: int | None = None) -> RecordedTr
     scenario = recording.scenario(run, "follower")
     columns: Columns = {}
     for robot in scenario.names:
+        truths, persons = (join_key(t.key, robot) for t in (keys.GROUND_TRUTH, keys.TARGET_ODOM))
+        if recording.is_foreign and persons in runs[run]:
+            runs[run][persons] = _at(runs[run].get(truths, {}), runs[run][persons])
         for topic in SOURCES:
             column = columns[robot, topic] = {}
             for time_ns, row in runs[run].get(join_key(topic.key, robot), {}).items():
                 column.setdefault(time_ns // scenario.sim.tick_ns, row)
         if not columns[robot, keys.GROUND_TRUTH]:
-            truth = join_key(keys.GROUND_TRUTH.key, robot)
-            raise RecordingError(f"{recording.path}: nothing on {truth} in run {run}")
+            problem = f"nothing on {truths} in run {run}{recording.hint(truths)}"
+            raise RecordingError(f"{recording.path}: {problem}")
     seed = seeds.get(run, scenario.seed)
     return RecordedTrajectory(run, replace(scenario, seed=seed), columns)
+
+
+def _at(times: Iterable[int], rows: dict[int, Row]) -> dict[int, Row]:
+    """Return the motion at other times [ns], interpolated except in gaps."""
+    if rows.keys() == {*times}:
+        return rows
+    known = np.array(sorted(rows))
+    values = np.array([rows[time] for time in known.tolist()], dtype=float)
+    values[:, 2] = np.unwrap(values[:, 2])
+    inside = np.array([time for time in times if known[0] <= time <= known[-1]], dtype=int)
+    after = np.searchsorted(known, inside)
+    inside = inside[(known[after] == inside) | (known[after] - known[after - 1] <= MAX_GAP_NS)]
+    columns = [np.interp(inside, known, column).tolist() for column in values.T]
+    return dict(zip(inside.tolist(), zip(*columns, strict=True), strict=True))
 
 
 def _read(recording: Recording) -> tuple[dict[int, Rows], dict[int, int]]:

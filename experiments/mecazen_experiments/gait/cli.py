@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from mecazen_tools.cli.options import RecordingFile, Topics, console
 
 
 def gait(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE.mcap", help="A recording.", show_default=False)
-    ],
+    file: RecordingFile,
     run: Annotated[
         int | None,
         typer.Option(metavar="N", help="Which run; see mecazen info.", show_default="the last"),
@@ -27,6 +26,7 @@ def gait(
             show_default="none",
         ),
     ] = None,
+    topics: Topics = "",
 ) -> None:
     """Report the longest walk of a recorded person, and write it for gait laboratories.
 
@@ -35,13 +35,12 @@ def gait(
     Examples: mecazen gait run.mcap · mecazen gait run.mcap --export walk
     """
     # every start of `mecazen` imports this module
-    from mecazen_recorder.reader import Recording  # noqa: PLC0415
-    from mecazen_tools.cli.options import console  # noqa: PLC0415
+    from mecazen_recorder.foreign import open_recording  # noqa: PLC0415
 
     from mecazen_experiments.gait import report  # noqa: PLC0415
     from mecazen_experiments.gait.stages import read_walk  # noqa: PLC0415
 
-    stages, about = read_walk(Recording(file), run, robot)
+    stages, about = read_walk(open_recording(file, topics), run, robot)
     about = {"recording": file.name, **about}
     console(100).print(*report.report(stages, about), sep="\n")
     if export is not None:

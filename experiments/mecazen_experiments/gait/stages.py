@@ -160,7 +160,8 @@ def _messages(
     seed, messages = runs[run]
     for topic in (ODOM, SKELETONS):
         if not messages[topic.key]:
-            raise RecordingError(f"{recording.path}: nothing on {topic.key} in run {run}")
+            problem = f"nothing on {topic.key} in run {run}{recording.hint(topic.key)}"
+            raise RecordingError(f"{recording.path}: {problem}")
     return run, seed, messages
 
 

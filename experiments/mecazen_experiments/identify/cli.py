@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from mecazen.loading import given_file, load_table
 from mecazen.robot import Robot
+from mecazen_tools.cli.options import Topics
 from typer import Argument, Option
 
 # every start of `mecazen` imports this module: the functions import what is slow
@@ -18,7 +19,7 @@ def identify(
         list[Path],
         Argument(
             metavar="FILE…",
-            help="Recordings (MCAP), CSV files, or folders of sessions.",
+            help="Recordings (MCAP, db3), CSV files, or folders of sessions.",
             show_default=False,
         ),
     ],
@@ -28,6 +29,7 @@ def identify(
     out: Annotated[Path, Option(metavar="FOLDER", help="Where report and robot file go.")] = Path(
         "identified"
     ),
+    topics: Topics = "",
     *,
     validate: Annotated[
         bool,
@@ -41,7 +43,7 @@ def identify(
 
     Recordings have joint_states, ground_truth/odom and joint_command. A CSV file has the columns
     time_s, x_m, y_m, yaw_rad of the reference, and front_left_rad, front_right_rad, rear_left_rad,
-    rear_right_rad, the angles of the wheels. Times are in seconds, from any moment.
+    rear_right_rad, the angles of the wheels; docs/recording.md has other units.
 
     With --validate, models and the full simulation are compared by their drift from the reference.
 
@@ -54,7 +56,7 @@ def identify(
     from mecazen_experiments.identify import validate as validation  # noqa: PLC0415
 
     base = load_table(given_file(robot, "robot"), Robot)
-    runs, logs = data.read(sources)
+    runs, logs = data.read(sources, topics, base.wheels.joints)
     files.make_folder(out, "--out")
     if validate:
         result, changed, drifts = validation.validate(base, runs)

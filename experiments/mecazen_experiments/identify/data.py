@@ -1,6 +1,6 @@
 """Recordings of a robot: wheel angles and a reference pose at the same instants, and their checks.
 
-A recording is an MCAP file of `mecazen record`, a CSV file with named columns, or a folder of
+A recording is of `mecazen record` or rosbag2, a CSV file with named columns, or a folder of
 sessions in the format of OptiOdom's data.
 """
 
@@ -21,15 +21,13 @@ from mecazen.errors import ConfigError
 from mecazen.files import read_bytes
 from mecazen.keys import GROUND_TRUTH, JOINT_COMMAND, JOINT_STATES
 from mecazen.messages import JointState
-from mecazen.robot import WHEEL_JOINTS, WHEELS
+from mecazen.robot import WHEEL_JOINTS
 from mecazen.text import printable
 from mecazen.wire import NS_PER_S
-from mecazen_recorder.reader import Recording
+from mecazen_recorder.foreign import open_recording
 
 Array = npt.NDArray[np.float64]
 
-COLUMNS = ("time_s", "x_m", "y_m", "yaw_rad", *(f"{wheel}_rad" for wheel in WHEELS))
-"""Columns of a CSV file: time, the reference's pose, and the angles of the wheels."""
 OPTIODOM_FORWARD = np.array([1.0, -1.0, 1.0, -1.0])
 """Signs of OptiOdom's wheels while the robot drives forward."""
 TOPICS = {topic.key: topic for topic in (JOINT_STATES, GROUND_TRUTH, JOINT_COMMAND)}
@@ -126,8 +124,15 @@ def checked(run: Run) -> Run:
     return replace(run, poses=poses, gaps=tuple(gaps.tolist()))
 
 
-def read(sources: Sequence[Path]) -> tuple[list[Run], list[MotorLog]]:
-    """Return the runs of recordings, CSV files, or folders of sessions, and their motors' logs.
+def read(
+    sources: Sequence[Path], topics: str = "", joints: Sequence[str] = WHEEL_JOINTS
+) -> tuple[list[Run], list[MotorLog]]:
+    """Return the runs of recordings or folders of sessions, and their motors' logs.
+
+    Args:
+        sources: Files of `open_recording` and folders in the format of OptiOdom's data.
+        topics: The topics of recordings, as `open_recording` takes them.
+        joints: The wheels' joints, in the order of `WHEELS`.
 
     Raises:
         ConfigError: One line with the file and the reason.
@@ -136,14 +141,13 @@ def read(sources: Sequence[Path]) -> tuple[list[Run], list[MotorLog]]:
     runs: list[Run] = []
     logs: list[MotorLog] = []
     for path in sources:
-        if path.is_dir():
+        if path.is_dir() and not (path / "metadata.yaml").is_file():
             runs += optiodom(path)
-        elif path.suffix == ".mcap":
-            recorded_runs, recorded_logs = _recorded(path)
+        else:
+            named = WHEEL_JOINTS if path.suffix == ".csv" else joints
+            recorded_runs, recorded_logs = _recorded(path, topics, named)
             runs += recorded_runs
             logs += recorded_logs
-        else:
-            runs.append(_csv_run(path))
     return runs, logs
 
 
@@ -213,29 +217,13 @@ def _stretch(metadata: Mapping[str, Sequence[str]], index: int, folder: Path) ->
     return ratio
 
 
-def _csv_run(path: Path) -> Run:
-    """Return the run of a CSV file with a header."""
-    header, _, body = _text(path).partition("\n")
-    present = [name.strip() for name in header.split(",")]
-    if lacking := [name for name in COLUMNS if name not in present]:
-        raise ConfigError(
-            printable(f"{path}: no column {lacking[0]!r}; its columns are {', '.join(present)}")
-        )
-    table = _numbers(body, path, len(present))[:, [present.index(name) for name in COLUMNS]]
-    times = table[:, 0] - table[:1, 0]  # from the first one on: since 1970, digits would be lost
-    return checked(Run(path.name, path.stem, times, table[:, 1:4], table[:, 4:]))
-
-
 def _text(path: Path) -> str:
     content = read_bytes(path)
     try:
         return (gzip.decompress(content) if path.suffix == ".gz" else content).decode()
     except (OSError, EOFError, UnicodeDecodeError) as error:
         raise ConfigError(
-            printable(
-                f"{path}: can't be read as CSV, plain or as gzip: {error}; a bag of ROS must be "
-                f"exported to CSV with the columns {', '.join(COLUMNS)}"
-            )
+            printable(f"{path}: can't be read as CSV, plain or as gzip: {error}")
         ) from None
 
 
@@ -250,13 +238,13 @@ def _numbers(text: str, path: Path, columns: int) -> Array:
     return np.asarray(table)
 
 
-def _recorded(path: Path) -> tuple[list[Run], list[MotorLog]]:
+def _recorded(path: Path, topics: str, joints: Sequence[str]) -> tuple[list[Run], list[MotorLog]]:
     """Return the runs of a recording with one robot, and the logs of the motors.
 
     The wheels are those of `joint_states`, the reference is `ground_truth/odom`: the simulator's
     truth, or motion capture that is published on that key.
     """
-    recording = Recording(path)
+    recording = open_recording(path, topics)
     by_run: dict[int, dict[str, list[tuple[float, Any]]]] = {}
     for sample in recording.samples():
         topic = TOPICS.get(sample.key)
@@ -266,36 +254,42 @@ def _recorded(path: Path) -> tuple[list[Run], list[MotorLog]]:
             samples = by_run.setdefault(sample.stamp.run, {key: [] for key in TOPICS})
             samples[sample.key].append((sample.time_ns / NS_PER_S, message))
     if not by_run:
-        raise ConfigError(f"{path}: no joint_states")
+        raise ConfigError(f"{path}: no joint_states{recording.hint(JOINT_STATES.key)}")
     runs, logs = [], []
     for number, samples in by_run.items():
         name = f"{path.name}, run {number}"
         for key in (JOINT_STATES.key, GROUND_TRUTH.key):
             if len(samples[key]) < 2:
-                raise ConfigError(f"{name}: no {key}")
-        times, wheels = _wheels(name, JOINT_STATES.key, samples, "position")
+                raise ConfigError(f"{name}: no {key}{recording.hint(key)}")
+        times, wheels = _wheels(name, JOINT_STATES.key, samples, "position", joints)
         truth_times = np.array([time for time, _ in samples[GROUND_TRUTH.key]])
         poses = np.array([truth.pose.pose.to_planar() for _, truth in samples[GROUND_TRUTH.key]])
         poses[:, 2] = np.unwrap(poses[:, 2])
         runs.append(checked(Run(name, path.stem, times, _at(times, truth_times, poses), wheels)))
         commands = samples[JOINT_COMMAND.key]
         if commands and all(command.velocity for _, command in commands):
-            begins, speeds = _wheels(name, JOINT_COMMAND.key, samples, "velocity")
+            begins, speeds = _wheels(name, JOINT_COMMAND.key, samples, "velocity", joints)
             logs.append(_motor_log(times, wheels, begins, speeds))
     return runs, logs
 
 
 def _wheels(
-    name: str, key: str, samples: Mapping[str, Sequence[tuple[float, JointState]]], field: str
+    name: str,
+    key: str,
+    samples: Mapping[str, Sequence[tuple[float, JointState]]],
+    field: str,
+    joints: Sequence[str],
 ) -> tuple[Array, Array]:
     """Return the times (n,) of a topic, and a field of the wheels, e.g. `position` (n, 4)."""
     times, rows = [], []
     for time, state in samples[key]:
         values = dict(zip(state.name, getattr(state, field), strict=False))
         try:
-            rows.append([values[joint] for joint in WHEEL_JOINTS])
+            rows.append([values[joint] for joint in joints])
         except KeyError as error:
-            raise ConfigError(f"{name}: {key}: no {field} of {error.args[0]}") from None
+            listed = f"it has {', '.join(values) or 'none'}; `wheels.joints` of --robot names them"
+            problem = f"{key}: no {field} of {error.args[0]}; {listed}"
+            raise ConfigError(printable(f"{name}: {problem}")) from None
         times.append(time)
     return np.array(times), np.array(rows)
 

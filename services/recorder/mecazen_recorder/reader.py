@@ -80,14 +80,28 @@ class Recording:
         path: The file of the recording.
         trusted: Whether to import programs and to open files that its configurations name. Programs
             are code.
+        scenario: The configuration in TOML of runs that are recorded without it.
 
     Raises:
-        RecordingError: The file can't be read, or is not a file of `mecazen record`.
+        RecordingError: The file can't be read.
     """
 
-    def __init__(self, path: Path, *, trusted: bool = False) -> None:
+    is_foreign = False
+    """Whether another program recorded it; see `mecazen_recorder.foreign`."""
+
+    def __init__(self, path: Path, *, trusted: bool = False, scenario: str | None = None) -> None:
+        self._set_up(path, trusted, scenario)
+        with open_regular(path) as file:
+            header = next(self._records(file), None)
+        if not isinstance(header, Header):
+            raise RecordingError(f"{path}: not an MCAP file")
+        if header.library.partition(" ")[0] != LIBRARY:
+            self.is_foreign = not self._was_rewritten()
+
+    def _set_up(self, path: Path, trusted: bool, scenario: str | None) -> None:
         self.path = path
         self.trusted = trusted
+        self._scenario = scenario
         self.scenarios: dict[int, str] = {}
         """The recorded configuration of each run in TOML; filled in by `samples`."""
         self._robots: dict[int, tuple[str, ...]] = {}
@@ -95,14 +109,6 @@ class Recording:
         """Keys of topics by their keys on the bus, where these differ, by run."""
         self.is_cut_off = False
         """Whether the end is missing; known after `samples` is exhausted."""
-        with open_regular(path) as file:
-            header = next(self._records(file), None)
-        if not isinstance(header, Header):
-            raise RecordingError(f"{path}: not an MCAP file")
-        if header.library.partition(" ")[0] != LIBRARY:
-            raise RecordingError(
-                f"{path}: an MCAP file of {header.library!r}, not of `mecazen record`"
-            )
 
     def samples(self, begin_ns: float = 0, end_ns: float = math.inf) -> Iterator[Sample]:
         """Return the samples in recorded order, between two simulated times of each run.
@@ -178,7 +184,8 @@ class Recording:
             UntrustedError: The configuration names a file, and the recording is not trusted.
         """
         if run not in self.scenarios:
-            raise RecordingError(f"{self.path}: without the configuration of run {run}")
+            remedy = "--scenario NAME says which scenario it was"
+            raise RecordingError(f"{self.path}: without the configuration of run {run}; {remedy}")
         try:
             return read_scenario(self.scenarios[run], self.path, sections, trusted=self.trusted)
         except ValueError as error:
@@ -200,9 +207,36 @@ class Recording:
             names = printable(", ".join(programs))
             raise UntrustedError(f"{self.path}: would run its programs {names}")
 
-    def _records(self, file: IO[bytes]) -> Iterator[McapRecord]:
+    def hint(self, key: str) -> str:
+        """Return how to take a missing key from another topic; "" in a recording of mecazen."""
+        del key
+        return ""
+
+    def note_scenario(self, run: int, scenario: str) -> None:
+        """Note the configuration of a run in TOML."""
+        self.scenarios[run] = scenario
+        self._robots[run] = robots_in(scenario)
+        self._topic_keys[run] = {key: topic for topic, key in renamed_in(scenario).items()}
+
+    def _was_rewritten(self) -> bool:
+        """Return whether another program has cut or converted a recording of mecazen.
+
+        It keeps the channels, which it repeats after the data. The configurations may follow the
+        data, and are read now.
+        """
+        has_runs = False
+        with open_regular(self.path) as file:
+            for record in self._records(file, whole_chunks=True):
+                if isinstance(record, Metadata):
+                    self._note_run(record)
+                has_runs |= isinstance(record, Channel) and "run" in record.metadata
+        return has_runs
+
+    def _records(self, file: IO[bytes], *, whole_chunks: bool = False) -> Iterator[McapRecord]:
         """Return the records up to the end of the data or the first corrupt record."""
-        reader = StreamReader(file, validate_crcs=True, record_size_limit=MAX_BYTES)
+        reader = StreamReader(
+            file, validate_crcs=True, emit_chunks=whole_chunks, record_size_limit=MAX_BYTES
+        )
         try:
             yield from reader.records
         except InvalidMagic:
@@ -215,7 +249,10 @@ class Recording:
         if "run" not in channel.metadata:
             return None
         try:
-            return Stamp(0, int(channel.metadata["run"]), int(channel.metadata["seed"]))
+            run = int(channel.metadata["run"])
+            if self._scenario is not None and run not in self.scenarios:
+                self.note_scenario(run, self._scenario)
+            return Stamp(0, run, int(channel.metadata["seed"]))
         except (KeyError, ValueError):
             key = shortened(channel.topic)
             raise RecordingError(f"{self.path}: {key} has no valid run and seed") from None
@@ -223,8 +260,4 @@ class Recording:
     def _note_run(self, record: Metadata) -> None:
         run, scenario = record.metadata.get("run", ""), record.metadata.get("scenario")
         if record.name == "run" and run.isdecimal() and scenario is not None:
-            number = int(run)
-            self.scenarios[number] = scenario
-            self._robots[number] = robots_in(scenario)
-            renamed = renamed_in(scenario)
-            self._topic_keys[number] = {key: topic for topic, key in renamed.items()}
+            self.note_scenario(int(run), scenario)

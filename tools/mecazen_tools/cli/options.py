@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -38,6 +39,32 @@ Settings = Annotated[
         envvar=SETTINGS_VARIABLE,
         help="Override one setting, e.g. physics.dt_s=0.002; the value as in TOML, a bare word "
         "is a string. Repeatable.",
+    ),
+]
+
+RecordingFile = Annotated[
+    Path,
+    Argument(
+        metavar="FILE", help="A recording: MCAP, db3 or CSV, or a rosbag2.", show_default=False
+    ),
+]
+Topics = Annotated[
+    str,
+    Option(
+        "--topics",
+        metavar="KEY=TOPIC,…",
+        help="In recordings of others: which topic each key is, as joint_states=/robot/joints; "
+        "/tf:FRAME is a frame's pose. In CSV: KEY=PREFIX of its columns.",
+        show_default=False,
+    ),
+]
+RecordedScenario = Annotated[
+    str | None,
+    Option(
+        "--scenario",
+        metavar="SCENARIO",
+        help="The scenario of a recording that lacks its configuration.",
+        show_default=False,
     ),
 ]
 

@@ -25,7 +25,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from mecazen_tools import drawing
-from mecazen_tools.cli.options import tool_bus
+from mecazen_tools.cli.options import RecordedScenario, RecordingFile, Topics, tool_bus
 from mecazen_tools.cli.simulate import print_scores
 from mecazen_tools.simulate import summary
 from mecazen_tools.strays import OPEN, mistake
@@ -35,11 +35,8 @@ if TYPE_CHECKING:
 
     from mecazen_tools.recorded import RecordedTrajectory
 
-RecordingFile = Annotated[
-    Path, typer.Argument(metavar="FILE.mcap", help="A recording.", show_default=False)
-]
 RecordingFiles = Annotated[
-    list[Path], typer.Argument(metavar="FILE.mcap...", help="Recordings.", show_default=False)
+    list[Path], typer.Argument(metavar="FILE...", help="Recordings.", show_default=False)
 ]
 RunNumber = Annotated[
     int | None,
@@ -136,6 +133,8 @@ def replay(
             "open its files.",
         ),
     ] = False,
+    topics: Topics = "",
+    scenario: RecordedScenario = None,
 ) -> None:
     """Publish a recording with its original stamps, or re-compute a service from it.
 
@@ -144,10 +143,10 @@ def replay(
     mecazen replay convoy.mcap --through follower --robot two
     """
     from mecazen.urdf import serve_description
-    from mecazen_recorder.reader import Recording
+    from mecazen_recorder.foreign import open_recording
     from mecazen_recorder.replay import publish
 
-    recording = Recording(file, trusted=trust)
+    recording = open_recording(file, topics, scenario, trusted=trust)
     if through is not None:
         if loop or keys or begin_s or end_s is not None:
             raise ConfigError(
@@ -210,13 +209,14 @@ def _recompute(recording: Recording, program: str, robot: str) -> None:
 def info(
     file: RecordingFile,
     as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+    topics: Topics = "",
 ) -> None:
     """Show the contents of a recording: runs, keys, counts, rates and gaps."""
-    from mecazen_recorder.reader import Recording
+    from mecazen_recorder.foreign import open_recording
 
     from mecazen_tools.recording_info import inspect
 
-    recording = Recording(file)
+    recording = open_recording(file, topics)
     contents = inspect(recording)
     report_damage(recording, any_samples=contents.count > 0)
     if as_json:
@@ -244,6 +244,8 @@ def score(
     files: RecordingFiles,
     run: RunNumber = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+    topics: Topics = "",
+    scenario: RecordedScenario = None,
 ) -> None:
     """Score recorded runs as mecazen simulate does, whichever program drove.
 
@@ -252,7 +254,8 @@ def score(
 
     Examples: mecazen score run.mcap · mecazen score first.mcap second.mcap --json
     """
-    scores = {name: summary(trajectory) for name, trajectory in _read(files, run).items()}
+    runs = _read(files, run, topics, scenario)
+    scores = {name: summary(trajectory) for name, trajectory in runs.items()}
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(scores)).decode())
         return
@@ -273,6 +276,8 @@ def plot(
         ),
     ] = None,
     run: RunNumber = None,
+    topics: Topics = "",
+    scenario: RecordedScenario = None,
 ) -> None:
     """Draw recorded runs: seen from above, their errors and their velocities over time.
 
@@ -282,7 +287,7 @@ def plot(
     """
     target = files[0].with_suffix(".png") if output is None else output
     drawing.refuse_undrawable(target, "-o")
-    runs = _read(files, run)
+    runs = _read(files, run, topics, scenario)
     from mecazen_tools.run_figure import courses, draw  # after the check of Matplotlib
 
     first, *others = runs.values()
@@ -296,13 +301,15 @@ def plot(
     typer.echo(f"picture: {target}")
 
 
-def _read(files: list[Path], run: int | None) -> dict[str, RecordedTrajectory]:
+def _read(
+    files: list[Path], run: int | None, topics: str, scenario: str | None
+) -> dict[str, RecordedTrajectory]:
     """Return the runs of recordings by the names of the files, which differ."""
-    from mecazen_recorder.reader import Recording
+    from mecazen_recorder.foreign import open_recording
 
     from mecazen_tools.recorded import trajectory_of
 
-    recordings = [Recording(file) for file in files]
+    recordings = [open_recording(file, topics, scenario) for file in files]
     trajectories = [trajectory_of(recording, run) for recording in recordings]
     for recording in recordings:
         report_damage(recording)

@@ -15,50 +15,57 @@ from mecazen.config import ViewerConfig
 from mecazen.errors import ConfigError, MecazenError, is_installed
 from mecazen.files import open_regular
 
+from mecazen_tools.cli.options import RecordedScenario, Topics
+
 MAGIC = b"\x89MCAP0\r\n"
 """First bytes of an MCAP file; Rerun shows an empty page for a file without them."""
 
 
 def view(
     file: Annotated[
-        Path, typer.Argument(help="A recording: .rrd, .mcap or any file that Rerun reads.")
+        Path, typer.Argument(help="A recording, or any file that Rerun reads: .rrd, …")
     ],
     native: Annotated[
         bool, typer.Option("--native", help="In Rerun's own window instead of the browser.")
     ] = False,
+    topics: Topics = "",
+    scenario: RecordedScenario = None,
 ) -> None:
     """Open a recording in Rerun, until Ctrl-C.
 
-    A recording of `mecazen record` is drawn with the scene of a live run.
+    A recording is drawn with the scene of a live run, if its scenario is known.
 
-    Examples: mecazen view run.mcap · mecazen view run.rrd --native
+    Examples: mecazen view run.mcap · mecazen view run.rrd --native ·
+    mecazen view bag --scenario back --topics ground_truth/odom=/mocap/pose
     """
-    if not file.is_file():
+    if not file.exists():
         raise ConfigError(f"{file}: no such file")
-    with open_regular(file) as content:
-        begin = content.read(len(MAGIC))
-    if file.suffix == ".mcap" and begin != MAGIC:
-        raise ConfigError(f"{file}: not an MCAP file")
+    if file.suffix == ".mcap":
+        with open_regular(file) as content:
+            if content.read(len(MAGIC)) != MAGIC:
+                raise ConfigError(f"{file}: not an MCAP file")
     with TemporaryDirectory(prefix="mecazen-view-") as folder:
         files = [str(file)]
-        if file.suffix == ".mcap":
+        if file.suffix in (".mcap", ".db3", ".csv") or file.is_dir():
             try:
-                files = _draw(file, Path(folder))
+                files = _draw(file, Path(folder), topics, scenario)
             except MecazenError as error:
+                if file.suffix != ".mcap":  # Rerun reads no other format
+                    raise
                 sys.stderr.write(f"{error}; shown without the scene\n")
         with suppress(KeyboardInterrupt):
             _show(file, files, native=native)
 
 
-def _draw(file: Path, folder: Path) -> list[str]:
+def _draw(file: Path, folder: Path, topics: str, scenario: str | None) -> list[str]:
     if not is_installed("recorder"):
         raise MecazenError(f"{file}: its reader needs pip install 'mecazen[recorder]'")
-    from mecazen_recorder.reader import Recording
+    from mecazen_recorder.foreign import open_recording
     from mecazen_viewer.service import draw
 
     from mecazen_tools.cli.recording import report_damage
 
-    recording = Recording(file)
+    recording = open_recording(file, topics, scenario)
     drawn = draw(recording, folder)
     report_damage(recording)
     return list(map(str, drawn))

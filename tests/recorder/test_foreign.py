@@ -1,0 +1,302 @@
+"""Recordings of other programs: bags that rosbags writes, CSV, and ours after a tool changed it."""
+
+import json
+import math
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from harness import ROOT, SCENARIOS
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mecazen.loading import load_scenario
+from mecazen_recorder.foreign import open_recording
+from mecazen_tools.cli.app import app
+from mecazen_tools.simulate import simulate
+from mecazen_viewer.service import draw
+from msgspec.structs import replace
+from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.typesys import Stores, get_typestore
+from typer.testing import CliRunner
+
+ROS = get_typestore(Stores.ROS2_JAZZY)
+UNIX_NS = 1_760_000_000 * 10**9
+JOINTS = ("front_left", "front_right", "rear_left", "rear_right")
+DELAY_NS = 2 * 10**6
+"""Time from a stamp of the robot to its reception; the tracker's are received at once."""
+STORAGES = (StoragePlugin.MCAP, StoragePlugin.SQLITE3)
+TOPICS = ",".join(
+    (
+        "joint_states=/robot/joint_states",
+        "ground_truth/odom=/mocap/pose",
+        "target/odom=/vicon/subject",
+    )
+)
+
+
+def make(kind: str, /, **fields: object) -> object:
+    return ROS.types[kind](**fields)
+
+
+def header(time_ns: int, frame: str = "mocap") -> object:
+    stamp = make("builtin_interfaces/msg/Time", sec=time_ns // 10**9, nanosec=time_ns % 10**9)
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def turned(yaw: float) -> object:
+    return make(
+        "geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2)
+    )
+
+
+def transform(time_ns: int, x: float, child: str) -> object:
+    place = make("geometry_msgs/msg/Vector3", x=x, y=0.0, z=1.0)
+    motion = make("geometry_msgs/msg/Transform", translation=place, rotation=turned(0.0))
+    kind = "geometry_msgs/msg/TransformStamped"
+    return make(kind, header=header(time_ns), child_frame_id=child, transform=motion)
+
+
+def at(time_s: float) -> Iterator[tuple[str, str, object]]:
+    """What a robot that drives at 0.5 m/s, 1 m behind a person, records at a time.
+
+    The clock of the tracker of the person is 1000 s late.
+    """
+    now_ns, x = UNIX_NS + round(time_s * 1e9), 0.5 * time_s
+    yield (
+        "/robot/joint_states",
+        "sensor_msgs/msg/JointState",
+        make(
+            "sensor_msgs/msg/JointState",
+            header=header(now_ns),
+            name=[f"{wheel}_wheel_joint" for wheel in JOINTS],
+            position=np.full(4, x / 0.05),
+            velocity=np.full(4, 10.0),
+            effort=np.full(4, np.nan),
+        ),
+    )
+    place = make("geometry_msgs/msg/Point", x=x, y=0.0, z=0.1)
+    pose = make("geometry_msgs/msg/Pose", position=place, orientation=turned(0.0))
+    kind = "geometry_msgs/msg/PoseStamped"
+    yield "/mocap/pose", kind, make(kind, header=header(now_ns), pose=pose)
+    late = transform(now_ns - 1000 * 10**9, x + 1.0 + 0.5 * DELAY_NS / 1e9, "person")
+    yield "/vicon/subject", "geometry_msgs/msg/TransformStamped", late
+    both = [transform(now_ns, x, "robot"), transform(now_ns, x + 1.0, "person")]
+    yield "/tf", "tf2_msgs/msg/TFMessage", make("tf2_msgs/msg/TFMessage", transforms=both)
+
+
+@pytest.fixture(scope="module", params=STORAGES, ids=("mcap", "db3"))
+def bag(request, tmp_path_factory) -> Path:
+    """Write 4 s of a robot behind a person by rosbags; return the folder."""
+    path = tmp_path_factory.mktemp("bag") / "drive"
+    with BagWriter(path, version=9, storage_plugin=request.param) as writer:
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=ROS) for topic, kind, _ in at(0.0)
+        }
+        for step in range(400):
+            for topic, kind, message in at(0.01 * step):
+                time_ns = UNIX_NS + step * 10**7 + DELAY_NS
+                writer.write(connections[topic], time_ns, ROS.serialize_cdr(message, kind))
+    return path
+
+
+def run(*arguments: object) -> str:
+    """Run a command that succeeds in this process; return what it prints."""
+    shown = CliRunner().invoke(app, list(map(str, arguments)))
+    assert shown.exit_code == 0, (shown.exception, shown.output)
+    return shown.output
+
+
+def refused(*arguments: object) -> str:
+    """Return the line of a command that fails."""
+    error = CliRunner().invoke(app, list(map(str, arguments))).exception
+    assert error is not None
+    assert len(str(error).splitlines()) == 1
+    return str(error)
+
+
+def test_bags_have_contents_scores_and_pictures(bag, tmp_path):
+    (file,) = (path for path in bag.iterdir() if path.suffix in (".mcap", ".db3"))
+    assert "robot/joint_states" in run("info", bag)
+    shown = run("info", file, "--topics", TOPICS)
+    assert "ground_truth/odom" in shown
+    assert "run 1, seed 0: 0 to 3.99" in shown
+    back = ("--topics", TOPICS, "--scenario", "back")
+    standoff = load_scenario(SCENARIOS / "back.toml").follower.standoff_m
+    (score,) = json.loads(run("score", file, *back, "--json")).values()
+    assert score["d_err_m"] == pytest.approx(abs(1.0 - standoff), abs=1e-6)
+    run("plot", bag, *back, "-o", tmp_path / "run.svg")
+    assert (tmp_path / "run.svg").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "reference", ["ground_truth/odom=/mocap/pose", "ground_truth/odom=/tf:robot"]
+)
+def test_each_type_of_pose_is_a_reference_with_velocity(reference, bag):
+    recording = open_recording(bag, reference)
+    poses = [s.message(s.kind) for s in recording.samples() if s.key == "ground_truth/odom"]
+    assert len(poses) == 400
+    assert poses[0].header.stamp.ns == 0
+    assert poses[200].pose.pose.position.x == pytest.approx(1.0)
+    assert poses[200].twist.twist.linear.x == pytest.approx(0.5)
+
+
+def test_the_commands_of_the_document_run(bag, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drive").symlink_to(bag)
+    rows = (f"{0.01 * n:.2f},{n},0,0,{n + 100},0,0\n" for n in range(50))
+    names = (
+        CSV.format(time="t", rows="").replace("x_m", "x_cm").replace("target_y_m", "target_y_cm")
+    )
+    names = "t,x_cm,y_cm,yaw_deg,target_x_cm,target_y_cm,target_yaw_deg\n"
+    (tmp_path / "drive.csv").write_text(names + "".join(rows))
+    section = (ROOT / "docs" / "recording.md").read_text().partition("## Your recordings\n")[2]
+    lines = section.partition("```sh\n")[2].partition("```")[0].splitlines()
+    assert len(lines) == 6
+    for line in lines:
+        words = shlex.split(line, comments=True)[1:]
+        if words[0] == "view":  # it shows until Ctrl-C
+            assert draw(open_recording(Path(words[1]), words[-1], words[3]), tmp_path)
+        elif words[0] == "identify":  # straight ahead shows no parameter
+            drives(Path(words[1]), words[-1])
+        else:
+            run(*words)
+
+
+def drives(path: Path, topics: str = "") -> Any:
+    """Return the only run that `mecazen identify` reads."""
+    from mecazen_experiments.identify import data
+
+    (drive,), _ = data.read([path], topics)
+    return drive
+
+
+def test_identify_reads_bags(bag):
+    drive = drives(bag, TOPICS)
+    assert drive.wheels[-1] == pytest.approx(np.full(4, 0.5 * 3.99 / 0.05))
+    assert drive.poses[-1] == pytest.approx([0.5 * 3.99, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    """Record a few seconds behind a walking person, seen by the robot's sensors."""
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    scenario = load_scenario(
+        SCENARIOS / "mocap.toml", {"sim.duration_s": 8.0, "recorder.file": str(path)}
+    )
+    scenario = replace(scenario, services=(*scenario.services, "recorder"))
+    simulate(scenario, "mocap")
+    return path
+
+
+def cut(path: Path, copy: Path) -> None:
+    """Copy the first seconds of a recording as `mcap filter` does, its configuration at the end."""
+    with path.open("rb") as source, copy.open("wb") as target:
+        reader, writer = make_reader(source), Writer(target)
+        writer.start("ros2", "mcap go v1.7")
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            if message.log_time > 7 * 10**9:
+                break
+            if channel.id not in channels:
+                schema_id = 0
+                if schema is not None:
+                    schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schema_id, channel.metadata
+                )
+            times = message.log_time, message.data, message.publish_time
+            writer.add_message(channels[channel.id], *times)
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        writer.finish()
+
+
+def convert(path: Path, folder: Path) -> None:
+    """Copy a recording into SQLite, as `ros2 bag convert` does."""
+    with Reader(path) as bag, BagWriter(folder, version=9, storage_plugin=STORAGES[1]) as writer:
+        connections = {
+            c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01="?")
+            for c in bag.connections
+        }
+        for connection, time_ns, payload in bag.messages():
+            writer.write(connections[connection.id], time_ns, payload)
+
+
+@pytest.mark.parametrize(("change", "options"), [(cut, ()), (convert, ("--scenario", "mocap"))])
+def test_every_command_reads_our_recording_after_a_tool(change, options, recorded, tmp_path):
+    file = tmp_path / ("cut.mcap" if change is cut else "bag")
+    change(recorded, file)
+    assert "skeleton/observation" in run("info", file)
+    assert "distance" in run("score", file, *options)
+    run("plot", file, *options, "-o", tmp_path / "run.svg")
+    assert "identical" in run("replay", file, "--through", "follower", *options)
+    assert "cadence" in run("gait", file).lower()
+    assert len(drives(file).times) > 600
+    assert draw(open_recording(file, *(("", options[1]) if options else ())), tmp_path)
+
+
+CSV = "{time},x_m,y_cm,yaw_deg,target_x_m,target_y_m,target_yaw_rad\n{rows}"
+
+
+@pytest.mark.parametrize(
+    ("time", "first", "step"),
+    [
+        ("time_s", 0.0, 0.01),
+        ("t", 1.76e9, 0.01),
+        ("timestamp", 1.76e18, 1e7),
+        ("time", 500.0, 10.0),
+        ("stamp_us", 7.0, 1e4),
+    ],
+)
+def test_times_in_csv_have_any_unit_and_epoch(time, first, step, tmp_path):
+    file = tmp_path / "drive.csv"
+    rows = [f"{first + n * step!r},{0.005 * n},1,90,{0.005 * n},1.01,1.5708\n" for n in range(100)]
+    file.write_text(CSV.format(time=time, rows="".join(rows)))
+    (score,) = json.loads(run("score", file, "--scenario", "back", "--json")).values()
+    assert score["d_err_m"] == pytest.approx(0.0, abs=1e-4)
+    (shown,) = json.loads(run("info", file, "--json"))["runs"]
+    assert shown["end_s"] - shown["begin_s"] == pytest.approx(0.99, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        ("score BAG", "without the configuration of run 1; --scenario NAME says which scenario"),
+        ("score BAG --scenario back", "nothing on ground_truth/odom in run 1; --topics ground_tru"),
+        ("plot BAG --scenario back", "takes it from /mocap/pose or /vicon/subject or /tf"),
+        ("identify BAG", "no joint_states; --topics joint_states=TOPIC takes it from /robot/joint"),
+        ("gait BAG", "no body in run 0; runs with one: none"),
+        ("replay BAG --through follower", "holds no run with its configuration"),
+        ("view BAG", "without the configuration of run 1"),
+        ("info BAG --topics odom=/odometry", "odom: no odometry; it has robot/joint_states"),
+        ("info BAG --topics odm=/odom", "no such key; did you mean odom?"),
+        ("info BAG --topics odom", "must be KEY=TOPIC"),
+        ("info BAG --topics odom=/robot/joint_states", "is a sensor_msgs/msg/JointState; odom ta"),
+        ("info BAG --topics odom=/tf", "holds the frames robot, person; KEY=TOPIC:FRAME chooses"),
+        ("info none.csv", "can't be read: No such file"),
+        ("info none.db3", "can't be read as a recording of ROS 2: File"),
+    ],
+)
+def test_what_is_missing_for_a_command_is_one_line(command, line, bag):
+    words = [str(bag) if word == "BAG" else word for word in command.split()]
+    assert line in refused(*words)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("t,x\n0,1\n1,1\n", "column x has no unit: name it x_m or x_cm or x_mm"),
+        ("a,x_m\n0,1\n", "no column time_s (ms, us, ns); it has a, x_m"),
+        ("t,x_m\n0\n", "Line #2 (got 1 columns instead of 2)"),
+        ("t,x_m\n0,1\n0,1\n", "t must increase, but not in row 3"),
+        ("t,x_m\n0,1\n1,1\n", "nothing known in t, x_m; needs columns robot_x_m"),
+    ],
+)
+def test_wrong_csv_is_one_line(text, line, tmp_path):
+    file = tmp_path / "drive.csv"
+    file.write_text(text)
+    assert line in refused("score", file, "--scenario", "back")
