@@ -3,13 +3,20 @@
 import math
 
 import msgspec
+import numpy as np
 import pytest
 from harness import Rig, Steps, load_robot
 from hostile import forged
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import ControllerConfig, Scenario, SensorConfig, SimConfig, StartConfig
-from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits, OdometryScale
+from mecazen.config.services import (
+    AngularLimits,
+    AxisLimits,
+    LinearLimits,
+    OdometryNoise,
+    OdometryScale,
+)
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
@@ -235,6 +242,20 @@ def test_odometry_is_scaled_and_has_covariances():
     assert moved(odom).y == pytest.approx(0.0045)
     assert odom.pose.covariance[::7] == variances
     assert odom.twist.covariance[::7] == variances[::-1]
+
+
+def test_odometry_noise_has_the_configured_deviation_and_repeats():
+    noise = OdometryNoise(x_m_s=0.1, yaw_rad_s=0.01)
+    runs = []
+    for _ in range(2):
+        wheels = Wheels(odometry_noise=noise)
+        runs.append(
+            [wheels.measure(tick, STANDING).twist.twist.to_planar() for tick in range(2000)]
+        )
+    assert runs[0] == runs[1]
+    # 2000 samples give a standard deviation within 1.6 %; 5 % are three of these
+    assert np.std(runs[0], axis=0) == pytest.approx((0.1, 0.0, 0.01), rel=0.05)
+    assert wheels.node.pose != START.pose
 
 
 def test_a_lower_rate_skips_odometry_but_no_motion():

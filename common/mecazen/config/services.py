@@ -141,6 +141,17 @@ class OdometryScale(Section):
     yaw: Positive = 1.0
 
 
+class OdometryNoise(Section):
+    """Standard deviation of white noise in the velocity of the wheel odometry, at each tick.
+
+    The pose integrates it: after a time t, x has the deviation x_m_s·√(t·tick_s).
+    """
+
+    x_m_s: NonNegative = 0.0
+    y_m_s: NonNegative = 0.0
+    yaw_rad_s: NonNegative = 0.0
+
+
 class Command(Section, omit_defaults=True):
     """A key on which programs command the robot, or a lock; as in ROS's twist_mux."""
 
@@ -183,6 +194,7 @@ class ControllerConfig(Section):
     wheel_radius_m: WheelRadius | None = None
     """Left out: from the robot file."""
     odometry_scale: OdometryScale = OdometryScale()
+    odometry_noise: OdometryNoise = OdometryNoise()
     pose_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
     twist_covariance_diagonal: Diagonal = (1e-3, 1e-3, 0.0, 0.0, 0.0, 1e-2)
 

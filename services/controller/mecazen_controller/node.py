@@ -6,9 +6,11 @@ import logging
 import math
 from typing import Any
 
+import numpy as np
 from mecazen import messages as m
 from mecazen.commands import Commands, Source, sources
 from mecazen.config import Scenario
+from mecazen.config.services import OdometryNoise
 from mecazen.drive import Drive, LimiterState, axis_limits
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
@@ -25,12 +27,16 @@ from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.ticks import ROUNDING_S
 from mecazen.wheels import PLAUSIBLE_SPEED, MecanumKinematics, WheelSpeeds, wheel_values
 from mecazen.wire import NS_PER_S, RefusedError
+from numpy.random import PCG64, Generator
 
 logger = logging.getLogger(__name__)
 
 MISMATCH = 0.2
 """Relative difference of a configured length from the robot's above which the controller warns.
 A calibration is within 10 %; a diameter or another unit in its place is at least a factor of 2."""
+
+NOISE_STREAM = 11
+"""Number of the random stream of the odometry's noise."""
 
 
 class OdometryNode(Node):
@@ -49,7 +55,7 @@ class OdometryNode(Node):
 
     def reset(self, seed: int) -> None:
         """Set the odometry to the start pose, at rest."""
-        del seed
+        self.random = Generator(PCG64([seed, NOISE_STREAM]))
         self.pose, self.twist = self.scenario.start.pose, Twist2D()
         self.time = m.Time()
         self.measured_ns: int | None = None
@@ -100,6 +106,12 @@ class OdometryNode(Node):
             max_speed = self.scenario.robot.wheels.max_speed_rad_s
             if max(map(abs, turning)) <= PLAUSIBLE_SPEED * max_speed:
                 mean = self._scaled(turning)
+        std = self.config.odometry_noise
+        if std != OdometryNoise():
+            noise = self.random.standard_normal(3) * (std.x_m_s, std.y_m_s, std.yaw_rad_s)
+            self.twist, mean = (
+                Twist2D(*(np.asarray(twist) + noise).tolist()) for twist in (self.twist, mean)
+            )
         self.pose = self.pose.integrate(mean, moved_s)
         self.angles = angles
 
