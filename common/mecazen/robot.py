@@ -51,7 +51,13 @@ class Wheels(Section):
     joints: Annotated[tuple[Name, ...], msgspec.Meta(min_length=4, max_length=4)] = WHEEL_JOINTS
     """Joints of the front left, front right, rear left and rear right wheel, for all services."""
 
+    wiring: tuple[int, int, int, int] = (1, 2, 3, 4)
+    """Number of the motor output that drives each wheel in physics, in the order of `WHEELS`;
+    negative if its poles are swapped. Another wiring is a fault to find before it is a real one."""
+
     def __post_init__(self) -> None:
+        if sorted(map(abs, self.wiring)) != [1, 2, 3, 4]:
+            raise ValueError(f"wheels.wiring must have 1 to 4, or negative: {self.wiring}")
         if len(set(self.joints)) != len(self.joints):
             raise ValueError(f"wheels.joints must be four different names: {self.joints}")
 

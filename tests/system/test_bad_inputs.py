@@ -102,6 +102,7 @@ BAD = [
     setting("controller.odom_frame_id=base_link", "must differ from base_frame_id"),
     setting("controller.limits.x.max_velocity_m_s=0.0", "max_velocity_m_s", "> 0"),
     setting("controller.limits.yaw.max_velocity_rad_s=nan", "max_velocity_rad_s"),
+    setting("robot.wheels.wiring=[1,2,3,3]", "wheels.wiring", "1 to 4"),
     setting("controller.odometry_scale.y=-1.0", "odometry_scale.y", "> 0"),
 ]
 

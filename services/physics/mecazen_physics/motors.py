@@ -39,6 +39,7 @@ class Motors:
         self._wheels, self._dt = wheels, physics.dt_s
         self._max_torque = robot.wheels.max_torque_nm
         self._max_speed = robot.wheels.max_speed_rad_s
+        self._wiring = [(abs(n) - 1, math.copysign(1.0, n)) for n in robot.wheels.wiring]
         self._real = real_motors(robot, physics)
         self._pids: list[WheelPid] = []
         if physics.drive == "effort":
@@ -58,7 +59,8 @@ class Motors:
         if command.is_effort != self._is_effort:
             self._begin(efforts, is_effort=command.is_effort)
         limit = self._max_torque if command.is_effort else self._max_speed
-        self._values = tuple([min(max(value, -limit), limit) for value in command.values])
+        values = [sign * command.values[output] for output, sign in self._wiring]
+        self._values = tuple([min(max(value, -limit), limit) for value in values])
         if self._real is not None and self._response is not None:
             self._response.give(self._values)
             self._supplied = supply(self._real.sag_per_nm, efforts)
