@@ -31,7 +31,7 @@ REACH_M = 8.0
 """Range up to which a beam counts [m]."""
 AHEAD_M, WALKS_M_S = 1.5, 0.2
 """Distance that a lost person is assumed to walk straight on [m], if faster than this speed."""
-PASS_M, TURN_M = 0.04, 0.1
+PASS_M, TURN_M = 0.04, 0.15
 """Gaps to obstacles that the robot needs to drive past them, and to turn beside them [m]."""
 FREE_STANDING_M = 0.4
 """Minimum distance of a person's legs from all else that is seen [m]."""
@@ -41,8 +41,9 @@ APART_M = 0.5
 """Things that are nearer to another person are that person [m]."""
 MISSES = 20
 """Number of scans for which the robot still drives to a place that is no candidate any more."""
-TRIES = 20
-"""Number of scans after which the robot gives up a place that it comes no nearer to."""
+HESITATES, TRIES = 15, 45
+"""Numbers of scans after which a robot that comes no nearer to a place drives on without a turn,
+and after which it gives the place up."""
 LOYALTY_M = 5.0
 """Another place must be nearer by this distance to replace the last."""
 LOOK = 0.8
@@ -184,13 +185,14 @@ class Search:
         self._last = place
         nearest = int(reachable[np.argmin(np.hypot(*(middles - place).T))])
         way = self._way(steps, nearest, at, passable)
-        cramped = bool(dilated(solid, self._wide).flat[start[0]])
+        # beside a wall or the post of a door the guard may hold a robot that turns: drive on first
+        cramped = self._looks > HESITATES or bool(dilated(solid, self._wide).flat[start[0]])
         if not self._is_clear(free, at, place, 2.5 * CELL_M):
             place = way
         elif is_thing and math.dist(place, at) < self._far and not cramped:
             way = at
-        if cramped and math.dist(way, at) > CELL_M:
-            place = at  # turn later
+        if cramped and math.dist(way, at) > CELL_M / 4:
+            place = at
         reason = "something like legs" if is_thing else "an opening"
         return Look(tuple(way.tolist()), tuple(place.tolist()), reason)
 
