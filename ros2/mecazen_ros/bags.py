@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sqlite3
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+import apsw
 from mecazen.errors import MecazenError, RefusedError
 from mecazen.messages import Odometry, Point, Pose, PoseWithCovariance
 from rosbags.rosbag2 import Reader, ReaderError
@@ -25,23 +25,13 @@ POSE_TYPES: dict[str, Any] = {
 """Types of messages that `odometry` takes."""
 TREES = (TF, TF_STATIC)
 """Topics of many frames."""
-_DAMAGE = (ReaderError, OSError, sqlite3.Error, struct.error, ValueError, EOFError)
+_DAMAGE = (ReaderError, OSError, apsw.Error, struct.error, ValueError, EOFError)
 
 
-class BagMessage(NamedTuple):
-    """A recorded message."""
+def read_bag(path: Path) -> Iterator[tuple[str, str, int, bytes]]:
+    """Yield topic, ROS type, time of the record [ns] and payload in CDR of the messages of a bag.
 
-    topic: str
-    type: str
-    """The ROS type, `geometry_msgs/msg/Twist`."""
-    time_ns: int
-    """Time of the record [ns], of any epoch."""
-    payload: bytes
-    """The message in CDR."""
-
-
-def read_bag(path: Path) -> Iterator[BagMessage]:
-    """Yield the messages of a file (.mcap, .db3) or a folder with metadata.yaml, by their times.
+    A bag is a file (.mcap, .db3), or a folder with metadata.yaml.
 
     Raises:
         MecazenError: It can't be read.
@@ -49,7 +39,7 @@ def read_bag(path: Path) -> Iterator[BagMessage]:
     try:
         with Reader(path) as bag:
             for connection, time_ns, payload in bag.messages():
-                yield BagMessage(connection.topic, connection.msgtype, time_ns, bytes(payload))
+                yield connection.topic, connection.msgtype, time_ns, bytes(payload)
     except _DAMAGE as error:
         reason = str(error).partition("\n")[0]
         raise MecazenError(f"{path}: can't be read as a recording of ROS 2: {reason}") from None

@@ -68,9 +68,8 @@ class Entry(NamedTuple):
     topic: str
     logged_ns: int
     type: str
-    payload: bytes
     message: Message | None
-    """None for a key that is not in the table."""
+    """None, and no content, for a key that is not in the table."""
 
     @property
     def stamp_ns(self) -> int:
@@ -93,7 +92,7 @@ def open_recording(
     Raises:
         MecazenError: It can't be read, or an argument is wrong.
     """
-    sources = parse_topics(topics)
+    sources = _parse_topics(topics)
     text = None if scenario is None else to_toml(load_scenario(scenario_path(scenario)))
     if path.suffix not in (".db3", ".csv") and not path.is_dir():
         recording = Recording(path, trusted=trusted, scenario=text)
@@ -104,12 +103,8 @@ def open_recording(
     return ForeignRecording(path, sources, text, trusted=trusted)
 
 
-def parse_topics(text: str) -> dict[str, Source]:
-    """Return the sources by key of a text `KEY=TOPIC,KEY=TOPIC:FRAME`.
-
-    Raises:
-        ConfigError: It has another form, or there is no such key.
-    """
+def _parse_topics(text: str) -> dict[str, Source]:
+    """Return the sources by key of a text `KEY=TOPIC,KEY=TOPIC:FRAME`."""
     sources = {}
     for part in filter(None, map(str.strip, text.split(","))):
         key, _, topic = part.partition("=")
@@ -117,7 +112,7 @@ def parse_topics(text: str) -> dict[str, Source]:
         if not name:
             raise ConfigError(printable(f"--topics {part}: must be KEY=TOPIC, as odom=/robot/odom"))
         if keys.topic_of(key) is None:
-            hint = suggestion(key, [entry.key for entry in keys.TOPICS])
+            hint = suggestion(key, [known.key for known in keys.TOPICS])
             raise ConfigError(printable(f"--topics {part}: no such key; {hint}see mecazen topics"))
         sources[key] = name, frame
     return sources
@@ -170,14 +165,14 @@ class ForeignRecording(Recording):
         return [self._sample(time_ns, entry, restamped=origin > 0) for time_ns, entry in timed]
 
     def _sample(self, time_ns: int, entry: Entry, *, restamped: bool) -> Sample:
-        stamp, message, payload = Stamp(time_ns, RUN, self._seed), entry.message, entry.payload
+        stamp, message = Stamp(time_ns, RUN, self._seed), entry.message
         if message is None:
-            return Sample(entry.key, time_ns, stamp, payload, entry.type, None)
+            return Sample(entry.key, time_ns, stamp, b"", entry.type, None)
         header = getattr(message, "header", None)
         if header is not None and (restamped or not header.stamp.ns):
             header = replace(header, stamp=m.Time.from_ns(time_ns))
-            message, payload = replace(message, header=header), b""
-        payload = payload or cdr.encode(message)
+            message = replace(message, header=header)
+        payload = cdr.encode(message)
         return Sample(entry.key, time_ns, stamp, payload, MessageEncoding.CDR, type(message))
 
     def _from_bag(self) -> list[Entry]:
@@ -195,10 +190,9 @@ class ForeignRecording(Recording):
                 except RefusedError as refusal:
                     raise RecordingError(printable(f"{self.path}: {topic}: {refusal}")) from None
                 if message is not None:
-                    raw = payload if kind == message.ROS_TYPE else b""
-                    entries.append(Entry(key, name, time_ns, kind, raw, message))
+                    entries.append(Entry(key, name, time_ns, kind, message))
             if not targets:
-                entries.append(Entry(name, name, time_ns, kind, payload, None))
+                entries.append(Entry(name, name, time_ns, kind, None))
         return entries
 
     def _fits(self, key: str, kind: str) -> bool:
@@ -227,7 +221,7 @@ class ForeignRecording(Recording):
             rows = next((table for table in tables if table is not None), np.empty((0, 0)))
             for time_ns, row in zip(times, rows.tolist(), strict=False):
                 if all(map(math.isfinite, row)):
-                    entries.append(Entry(key, key, time_ns, "", b"", _csv_message(key, row)))
+                    entries.append(Entry(key, key, time_ns, "", _csv_message(key, row)))
         if not entries:
             listed, hint = ", ".join(columns), self.hint(keys.GROUND_TRUTH.key)
             raise RecordingError(printable(f"{self.path}: nothing known in {listed}{hint}"))

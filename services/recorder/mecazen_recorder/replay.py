@@ -39,6 +39,8 @@ def publish(
     for sample in recording.samples(begin_ns, end_ns):
         if not any(includes(expression, sample.key) for expression in keys):
             continue
+        if recording.is_foreign and sample.kind is None:  # without content
+            continue
         stamp = sample.stamp
         if math.isnan(start_ns) or (stamp is not None and stamp.run != run):
             start_s, start_ns = time.monotonic(), sample.time_ns
