@@ -269,8 +269,11 @@ def test_times_in_csv_have_any_unit_and_epoch(time, first, step, tmp_path):
         ("score BAG --scenario back", "nothing on ground_truth/odom in run 1; --topics ground_tru"),
         ("plot BAG --scenario back", "takes it from /mocap/pose or /vicon/subject or /tf"),
         ("identify BAG", "no joint_states; --topics joint_states=TOPIC takes it from /robot/joint"),
-        ("gait BAG", "no body in run 0; runs with one: none"),
-        ("replay BAG --through follower", "holds no run with its configuration"),
+        ("gait BAG", "no body in run 0; runs with one: none; no topic has its type"),
+        (
+            "replay BAG --through follower",
+            "holds no run with its configuration; --scenario NAME says",
+        ),
         ("view BAG", "without the configuration of run 1"),
         ("info BAG --topics odom=/odometry", "odom: no odometry; it has robot/joint_states"),
         ("info BAG --topics odm=/odom", "no such key; did you mean odom?"),

@@ -156,7 +156,8 @@ def _messages(
         run = next(reversed(runs), 0)
     if run not in runs:
         known = ", ".join(map(str, runs)) or "none"
-        raise RecordingError(f"{recording.path}: no body in run {run}; runs with one: {known}")
+        problem = f"no body in run {run}; runs with one: {known}{recording.hint(SKELETONS.key)}"
+        raise RecordingError(f"{recording.path}: {problem}")
     seed, messages = runs[run]
     for topic in (ODOM, SKELETONS):
         if not messages[topic.key]:

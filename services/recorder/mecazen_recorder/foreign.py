@@ -146,8 +146,9 @@ class ForeignRecording(Recording):
             columns = (f"{prefixes[0]}{q}_{next(iter(units))}" for q, units in quantities.items())
             return printable(f"; needs columns {', '.join(columns)}") if quantities else ""
         fitting = [f"/{name}" for name, kind in self._listed.items() if self._fits(key, kind)]
-        sources = " or ".join(fitting) or "another one"
-        return printable(f"; --topics {key}=TOPIC takes it from {sources}")
+        if not fitting:
+            return "; no topic has its type"
+        return printable(f"; --topics {key}=TOPIC takes it from {' or '.join(fitting)}")
 
     @cached_property
     def _samples(self) -> list[Sample]:

@@ -102,8 +102,10 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
     known = {run: samples for run, samples in runs.items() if run in recording.scenarios}
     whole = {run: samples for run, samples in known.items() if samples[0].time_ns == 0}
     if not whole:
-        missing = "with its configuration" if not known else "from its first tick"
-        remedy = "`mecazen sim reset` begins one while `mecazen record` runs"
+        missing, remedy = "with its configuration", "--scenario NAME says which scenario it was"
+        if known:
+            missing = "from its first tick"
+            remedy = "`mecazen sim reset` begins one while `mecazen record` runs"
         raise RecordingError(f"{recording.path}: holds no run {missing}; {remedy}")
     return whole
 
