@@ -294,7 +294,7 @@ ROBOT = (ROOT / "docs" / "robot.md").read_text()
 
 def test_a_robot_is_imported_and_follows_as_on_the_page(tmp_path):
     pytest.importorskip("xacrodoc")
-    for file in (ROOT / "tests" / "tools" / "robots").iterdir():
+    for file in (ROOT / "tests" / "system" / "robots").iterdir():
         text = re.sub(r'name="(Fixed-Wheels|turning)"', 'name="my_robot"', file.read_text())
         suffix = file.name.partition(".")[2]
         name = file.name if suffix == "yaml" else f"my_robot.{suffix}"
