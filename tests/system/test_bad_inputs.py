@@ -3,6 +3,7 @@
 The command line runs in this process, as starting one for each would take a minute.
 """
 
+import logging
 import sys
 
 import pytest
@@ -114,6 +115,9 @@ def test_what_a_user_gets_wrong_is_one_line_and_says_what_is_allowed(
     if arguments[0] == "keys":
         monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["mecazen", *arguments])
+    # `run` sends logs to the standard error of this test
+    monkeypatch.setattr(logging.root, "handlers", [])
+    monkeypatch.setattr(logging.root, "level", logging.root.level)
     with pytest.raises(SystemExit) as ended:
         main()
     told = capsys.readouterr()
