@@ -16,6 +16,7 @@ import psutil
 from harness import COMMAND_GUARD_S, Newest, command, options, wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.config import FollowerConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.messages import Odometry
@@ -39,7 +40,7 @@ FROZEN_S = 0.05, 2.0
 """Shortest and longest freeze, in wall time."""
 RESUME_S = 3.0
 """Within this simulated time after a part is back, the robot is to follow again."""
-DOUBT_S = 4.0
+DOUBT_S = 2.0 * FollowerConfig().lost_after_s
 """A person who sets off from rest while a frozen controller gives no odometry is farther away than
 the follower expects. It takes them for another person for twice `follower.lost_after_s`."""
 MAX_SPEED_M_S = 2.1
