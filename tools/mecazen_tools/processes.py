@@ -244,6 +244,12 @@ class Supervisor:
         last = {ROUTER.name, *OBSERVERS}
         return [*self._stop(self._parts.keys() - last), *self._stop(last)]
 
+    def refuse_failed(self) -> None:
+        """Raise ProcessError if a needed process that has ended since the last `poll` failed."""
+        for part in self._ended:
+            if part.needed and part.error:
+                self._take_end(part)
+
     def _stop(self, names: Collection[str]) -> list[str]:
         def running() -> list[_Part]:
             parts = dict.fromkeys(key.data for key in self._sources.get_map().values())

@@ -35,7 +35,7 @@ PATIENCE_S = 0.25
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What a run shows, whichever program drove: the output of `mecazen score --json`."""
+    """The scores of a run, whichever program drove: the output of `mecazen score --json`."""
 
     seed: int
     duration_s: float
@@ -111,7 +111,11 @@ def simulate_distributed(
         for process in scenario.process_plan:
             if COLLECTOR not in process.services:
                 supervisor.start(process)
-        return _scored(name, trajectory, _samples(bus, trajectory, show_output), progress)
+        scored = _scored(name, trajectory, _samples(bus, trajectory, show_output), progress)
+        # a node may fail so late, or end so slowly, that the run is complete before
+        supervisor.stop()
+        supervisor.refuse_failed()
+        return scored
 
 
 def collect(
