@@ -17,6 +17,8 @@ from mecazen import messages as m
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS, Robot
 from mecazen.skeleton import INDEX, LIMBS, PARENTS
+from mecazen.urdf import COLOURS
+from mecazen_viewer.senses import CLOTHES, FOLLOWED, LOOKS, OTHER
 from PIL import Image
 
 Array = npt.NDArray[np.float64]
@@ -25,15 +27,18 @@ Draw = Callable[[], None]
 BLUE, ORANGE, GREEN, RED, INK = "#1f77b4", "#f07800", "#1b9e5a", "#c0392b", "#33404d"
 PAPER, SEEN, GRID, SHADE = "#ffffff", "#e8f3fb", "#d5dde5", "#c3ccd6"
 DARK, METAL, LIGHT_METAL = "#2b3138", "#46505a", "#aab4be"
-YELLOW, BLACK, WALL = (0.98, 0.80, 0.36), (0.25, 0.29, 0.34), (0.90, 0.88, 0.85)
+YELLOW = tuple(map(float, COLOURS["base"].split()[:3]))
+BLACK, WALL = (0.25, 0.29, 0.34), (0.90, 0.88, 0.85)
 DPI = 100.0
 PT = 72.0 / DPI
 """Points in a pixel."""
 
-FOLLOWED_LOOK = "#3f6f9f", "#2f4258", "#e6b89c"
-OTHER_LOOK = "#b3bbc5", "#98a2ae", "#d3c7bf"
-"""Colours of clothes, trousers and skin."""
-_PART = {"forearm": 2, "upper_arm": 0, "head": 2, "thigh": 1, "shank": 1, "foot": 1}
+FOLLOWED_LOOK, OTHER_LOOK = (
+    tuple(f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in look)
+    for look in (FOLLOWED, OTHER)
+)
+"""Colours of clothes, trousers and skin, as in the viewer."""
+_PART = {"upper_arm": CLOTHES, **LOOKS}
 _BONES = [(INDEX[parent], INDEX[joint]) for joint, parent in PARENTS.items() if parent is not None]
 _TRUNK = [INDEX[name] for name in ("left_shoulder", "right_shoulder", "right_hip", "left_hip")]
 _TRUNK_M, _NECK_M = 0.11, 0.085
