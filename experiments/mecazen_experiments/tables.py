@@ -204,7 +204,7 @@ def _paired(
 ) -> str:
     """Return the comparison with a reference, unit by unit; empty for the reference itself.
 
-    What a unit does to both, such as the noise of its seed, cancels.
+    Effects of a unit on both, such as the noise of its seed, cancel.
     """
     before, after = (unit_means(runs, unit, name) for runs in (reference, group))
     pairs = [(before[key], after[key]) for key in after if key in before]

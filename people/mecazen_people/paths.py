@@ -95,7 +95,7 @@ def scripted(
 class BackAndForth:
     """A path walked to its end, and back on the same line, again and again.
 
-    At both ends the person turns to the left, on the spot. An endless path stays what it is.
+    At both ends the person turns to the left, on the spot. An endless path has no end to turn at.
     """
 
     duration = math.inf

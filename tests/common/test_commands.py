@@ -34,7 +34,7 @@ def drivers(commands, *samples, ticks=(0,)):
     ("commands", "samples", "ticks", "expected"),
     [
         ((), [(0, NODE, forward(1.0))], (0, 50, 51), ["follower", "follower", ""]),
-        # a program takes over until it is silent, then the follower goes on
+        # a program takes over until it is silent, then the follower continues
         (
             (Command("cmd_vel", timeout_s=0.2),),
             [(0, NODE, forward(1.0)), (5, HAND, forward(0.2))],

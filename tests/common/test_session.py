@@ -117,7 +117,7 @@ def test_a_router_limits_rate_per_link_and_key_and_size(free_port):
                 wait(near, lambda: all(link.matching_status.matching for link in links))
                 for link in (*links[:-1], *links[:-1]):
                     link.put(payload)
-                links[-1].put(b"")  # on the same link: what came before it has arrived with it
+                links[-1].put(b"")  # on the same link, so all earlier samples have arrived with it
                 wait(near, lambda: end in ends)
 
         services = ("one/diagnostics/target", "one/diagnostics/follower")  # of one process

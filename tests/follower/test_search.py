@@ -27,7 +27,7 @@ def step(search, circles, robot, strangers=()):
 
 
 def drive(search, circles, robot, seconds):
-    """Yield each pose and look of a robot that does as it is told; it turns at once."""
+    """Yield each pose and look of a robot that follows each look; it turns at once."""
     for _ in range(round(seconds / TICK)):
         look = step(search, circles, robot)
         yield robot, look

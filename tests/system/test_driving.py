@@ -1,4 +1,4 @@
-"""Who drives a running scenario: its follower, programs that take over, and nodes of the user."""
+"""The drivers of a running scenario: its follower, programs that take over, nodes of the user."""
 
 import os
 import subprocess

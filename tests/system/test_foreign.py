@@ -61,7 +61,7 @@ def transform(time_ns: int, x: float, child: str) -> object:
 
 
 def at(time_s: float) -> Iterator[tuple[str, str, object]]:
-    """What a robot that drives at 0.5 m/s, 1 m behind a person, records at a time.
+    """The record at a time of a robot that drives at 0.5 m/s, 1 m behind a person.
 
     The clock of the tracker of the person is 1000 s late.
     """

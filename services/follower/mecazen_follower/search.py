@@ -2,8 +2,8 @@
 
 The lidar sees all that moves around the robot, and so the person is behind an edge of what it sees:
 an opening (B. Yamauchi, A frontier-based approach for autonomous exploration, CIRA 1997). Or the
-person is a thing as narrow as legs that the camera has not looked at yet. Of these places the robot
-takes the one that is nearest to it and to the person's way.
+person is a thing as narrow as legs that the camera has not looked at yet. The robot drives to the
+place with the least sum of its own way and the distance from where the person is expected.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class Search:
         free = self._cells(rays[beams] * steps[along, None] + lidar[:2])
         hits = np.flatnonzero((reach > 0.0) & (reach <= REACH_M))
         solid = self._cells(rays[hits] * (ranges[hits, None] + CELL_M / 4) + lidar[:2])
-        # what stands where nothing stood has come there
+        # new obstacles have come: the camera has to look at them again
         near = dilated(self._hits > 0, _disc(2.5))
         came = solid[~near.flat[solid]]
         passed = np.zeros_like(self._passed)

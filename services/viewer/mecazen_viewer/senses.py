@@ -32,7 +32,7 @@ OTHER: Look = (179, 187, 197), (152, 162, 174), (211, 199, 191)
 """Those of a person whom a robot follows, and of other people."""
 CLOTHES, TROUSERS, SKIN = range(3)
 LOOKS = {"forearm": SKIN, "head": SKIN, "thigh": TROUSERS, "shank": TROUSERS, "foot": TROUSERS}
-"""What covers a limb, by the end of its name; clothes cover other limbs."""
+"""The cover of a limb, by the end of its name; clothes cover other limbs."""
 DRAWN_TRUNK = 0.7
 """Share of the trunk's line that is drawn, so that its round end reaches the shoulders."""
 NECK_AND_SHOULDERS = (

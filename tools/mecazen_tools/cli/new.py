@@ -24,7 +24,7 @@ WIDTH = 100
 
 
 class Kind(StrEnum):
-    """What `mecazen new` writes."""
+    """The kinds of files that `mecazen new` writes."""
 
     FOLLOWER = "follower"
     SENSOR = "sensor"

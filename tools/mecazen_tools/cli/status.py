@@ -84,7 +84,7 @@ class Status(msgspec.Struct, frozen=True):
     followed: dict[str, str] = {}
     """How each robot with a follower follows, by its name; empty for a single robot."""
     drives: dict[str, str] = {}
-    """Who drives each robot, by its name."""
+    """The driver of each robot, by its name."""
     warnings: tuple[str, ...] = ()
     """Warnings of services, and ignored fields of samples."""
 

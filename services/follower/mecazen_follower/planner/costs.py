@@ -71,7 +71,7 @@ class Rollout(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What the robot does: open, avoiding, gave_up_<priority>, searching or waiting; the reason."""
+    """The plan: open, avoiding, gave_up_<priority>, searching or waiting; and its reason."""
 
     state: str
     reason: str = ""
