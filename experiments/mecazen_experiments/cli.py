@@ -76,14 +76,6 @@ def run(
         Path | None,
         Option(metavar="FOLDER", help="Draw the study's figures there.", show_default="none"),
     ] = None,
-    films: Annotated[
-        Path | None,
-        Option(
-            metavar="FOLDER",
-            help="Record the first run of each row there: MCAP.",
-            show_default="none",
-        ),
-    ] = None,
 ) -> None:
     """Run the cases of a study, each with many seeds, and show its tables.
 
@@ -97,4 +89,4 @@ def run(
 
     workers = commands.choose_workers(jobs, cluster)
     planned = commands.plan(study, seeds, walks, settings or (), sweep or (), only or ())
-    commands.run(*planned, workers, store, csv, figures, films)
+    commands.run(*planned, workers, store, csv, figures)

@@ -1,20 +1,16 @@
-"""`mecazen experiment run`: runs a study, and shows its tables, figures and films."""
+"""`mecazen experiment run`: runs a study, and shows its tables and figures."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
-from functools import partial
 from pathlib import Path
 
 import typer
 from mecazen.errors import ConfigError
-from mecazen.files import to_value
-from mecazen.loading import load_scenario, parse_settings
 from mecazen_tools import files
 from mecazen_tools.cli.options import console
-from mecazen_tools.observe import observe
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
@@ -28,7 +24,6 @@ from mecazen_experiments.runs import (
     Store,
     Workers,
     cluster_workers,
-    do_all,
     local_workers,
     run_all,
 )
@@ -64,9 +59,8 @@ def run(
     store: Path,
     csv: Path | None = None,
     figures: Path | None = None,
-    films: Path | None = None,
 ) -> None:
-    """Do the runs of a study; print its tables, and write its frame, figures and films on demand.
+    """Do the runs of a study; print its tables, and write its frame and figures on demand.
 
     Args:
         study: The study.
@@ -75,9 +69,8 @@ def run(
         store: The file of finished runs.
         csv: File for the frame: one row a run.
         figures: Folder for the study's figures.
-        films: Folder for a recording of the first run of each row.
     """
-    _prepare(study, csv, figures, films)
+    _prepare(study, csv, figures)
 
     def check(job: Job, columns: Columns) -> None:
         tables.check(study, frame.read(study, frame.to_csv([job], {job.key: columns})))
@@ -97,12 +90,8 @@ def run(
         runs = frame.read(study, text)
         shown = [tables.to_rich(table) for table in tables.make_tables(study, runs)]
         console(WIDTH).print(*shown, sep="\n")
-        done = [job for job in jobs if job.key in results]
-        if films is not None:
-            first = {job.row: job for job in reversed(done)}
-            for _, file in do_all(partial(film, films.resolve()), [*first.values()], active):
-                typer.echo(file)
         if figures is not None:
+            done = [job for job in jobs if job.key in results]
             from mecazen_experiments.figures import draw  # noqa: PLC0415  # slow to import
 
             for file in draw(study, runs, done, active, figures):
@@ -118,19 +107,6 @@ def choose_workers(jobs: int | None, cluster: str | None) -> AbstractContextMana
     if jobs is not None:
         raise ConfigError("--jobs: the workers of --cluster have their own number of processes")
     return cluster_workers(cluster)
-
-
-def film(folder: Path, job: Job) -> Path:
-    """Simulate a job, and record the whole run into a folder; return the file."""
-    assert job.scenario is not None
-    name = re.sub(r"[^\w.=+-]+", "_", job.row.replace(", ", "-"))
-    file = folder / f"{name}.mcap"
-    recorded = (
-        f"services={to_value([*job.load().services, 'recorder'])}",
-        f"recorder.file={to_value(str(file))}",
-    )
-    observe(load_scenario(job.scenario, parse_settings((*job.settings, *recorded))))
-    return file
 
 
 def _parse_seeds(text: str | None) -> list[int]:
@@ -154,17 +130,14 @@ def _parse_sweep(option: str) -> tuple[str, tuple[str, ...]]:
     return key, values
 
 
-def _prepare(study: Study, csv: Path | None, figures: Path | None, films: Path | None) -> None:
-    """Make the folders of the options, and refuse what can't be written, before the runs."""
+def _prepare(study: Study, csv: Path | None, figures: Path | None) -> None:
+    """Make the folder of figures, and refuse what can't be written, before the runs."""
     if csv is not None and not csv.absolute().parent.is_dir():
         raise ConfigError(f"--csv {csv}: no such folder")
-    if figures is not None and not study.figures:
-        raise ConfigError("--figures: the study has no [[figure]]")
-    if films is not None and not all(case.scenario for case in study.cases):
-        raise ConfigError("--films: a case of the study has no scenario")
-    for option, folder in (("--figures", figures), ("--films", films)):
-        if folder is not None:
-            files.make_folder(folder, option)
+    if figures is not None:
+        if not study.figures:
+            raise ConfigError("--figures: the study has no [[figure]]")
+        files.make_folder(figures, "--figures")
 
 
 @contextmanager

@@ -171,13 +171,11 @@ def test_options_replace_those_of_the_study(inside, capsys):
     experiment(
         *("run", "study.toml", "--seeds", "7", "--jobs", 1, "--csv", "out.csv"),
         *("--set", 'target.path={kind="recorded", file="walks/eth_1.csv"}', "--walks", "walks"),
-        *("--sweep", "follower.standoff_m=1,1.5", "--films", "films"),
+        *("--sweep", "follower.standoff_m=1,1.5"),
     )
     rows = inside.runs("out.csv")
     labels = [(row["walk"], row["follower.standoff_m"], row["seed"]) for row in rows]
     assert labels == [(w, s, "7") for s in ("1", "1.5") for w in ("eth_1", "eth_2")]
-    films = {file.name for file in Path("films").iterdir()}
-    assert films == {f"short-follower.standoff_m={m}.mcap" for m in ("1", "1.5")}
     assert "(4 runs)" in capsys.readouterr().out
 
 
@@ -201,7 +199,6 @@ WRONG = [
     ),
     (("run", "study.toml", "--only", "case=x"), "--only case: unknown 'x'; allowed: short"),
     (("run", "study.toml", "--only", "view=x"), "--only view=x: no such axis; allowed: case"),
-    (("run", "study.toml", "--films", "short.toml"), "--films short.toml: "),
     (("run", "study.toml", "--figures", "new"), "--figures: the study has no [[figure]]"),
 ]
 
