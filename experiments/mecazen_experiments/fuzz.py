@@ -7,9 +7,7 @@ The seed draws the room, the commands and the person's walk. `set` of a study ha
 from __future__ import annotations
 
 import math
-import random
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,13 +19,11 @@ from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.keys import CMD_VEL, GROUND_TRUTH, GUARD_STATE, TARGET_CMD_VEL, TARGET_ODOM
 from mecazen.keys import TARGET_SKELETON as SKELETON
 from mecazen.loading import convert, from_tables, named_file
-from mecazen.runtime.schedule import Schedule
 from mecazen.schema import NonNegative, Section
 from mecazen.ticks import ROUNDING_S
 from mecazen.wire import encode
-from mecazen_tools.observe import PersonOverTime, Samples, collect
+from mecazen_tools.observe import PersonOverTime, Samples, observe
 from mecazen_tools.plane import Plane
-from mecazen_tools.simulation import Simulation
 from mecazen_tools.table import Table
 
 from mecazen_experiments.safety import contacts, gap_to_walls, onsets
@@ -48,8 +44,6 @@ COMMAND_TICKS = 5
 """Number of ticks between commands to the robot: 20 Hz."""
 FASTEST_M_S, FASTEST_RAD_S = 2.5, 4.0
 """Limits of the commands; the wheels reach less."""
-PAUSES_S, FREEZES_S = (0.5, 4.0), (0.05, 2.0)
-"""Shortest and longest time from the end of a freeze to the next, and of a freeze [s]."""
 
 
 class Options(Section):
@@ -57,8 +51,6 @@ class Options(Section):
 
     speed_m_s: NonNegative = 1.0
     """Speed of the person when walking: anywhere, or at the robot."""
-    freezes: bool = False
-    """Whether services freeze, one at a time, as processes do."""
 
 
 def fuzz(job: Job) -> dict[str, float | str]:
@@ -74,12 +66,8 @@ def fuzz(job: Job) -> dict[str, float | str]:
     chance = np.random.Generator(np.random.PCG64(job.seed))
     scenario = room(job.seed, chance, settings)
     rider = Rider(chance, scenario, options)
-    with Simulation(scenario) as sim:
-        if options.freezes:
-            freeze(sim, job.seed)
-        topics = GROUND_TRUTH, TARGET_ODOM, SKELETON, GUARD_STATE
-        samples = collect(sim, *topics, drive=rider.drive)
-        table, sha256 = Table.of(sim.trajectory), sim.trajectory.sha256()
+    topics = GROUND_TRUTH, TARGET_ODOM, SKELETON, GUARD_STATE
+    table, sha256, samples = observe(scenario, *topics, drive=rider.drive)
     robot = table.poses("robot")
     person = _person(samples[SKELETON.key], table)
     touched = contacts(scenario.robot, robot, person, table.tick_s)
@@ -167,12 +155,8 @@ class Rider:
         commands = {}
         if tick % COMMAND_TICKS == 0 and self._drives:
             commands[CMD_VEL.key] = encode(m.Twist.planar(self.command(tick, robot, person)))
-        seen_s = samples[TARGET_ODOM.key][-1].header.stamp.ns / 1e9
-        is_frozen = (tick - 1) * self._tick_s > seen_s + ROUNDING_S
-        if is_frozen:  # otherwise the person would jump afterwards
-            self._speed = 0.0
-        walk = Twist2D() if is_frozen else self.walk(tick, robot, person)
-        return commands | {TARGET_CMD_VEL.key: encode(m.Twist.planar(walk))}
+        walk = encode(m.Twist.planar(self.walk(tick, robot, person)))
+        return commands | {TARGET_CMD_VEL.key: walk}
 
     def command(self, tick: int, robot: Pose2D, person: Pose2D) -> Twist2D:
         """Return the commanded twist of the robot: by chance, or straight at the person."""
@@ -221,33 +205,3 @@ def _rectangle(solid: Box | Cylinder) -> tuple[Pose2D, tuple[float, float]]:
         return Pose2D(*solid.position_m), (solid.size_m[0], solid.size_m[0])
     length, width, _ = solid.size_m
     return Pose2D(*solid.position_m, math.radians(solid.yaw_deg)), (length / 2.0, width / 2.0)
-
-
-def freeze(sim: Simulation, seed: int) -> list[tuple[str, range]]:
-    """Freeze services of a run at random, one at a time, except the service of the world.
-
-    A frozen service takes no turn, and the run continues without it, as in real time. Return the
-    name of each frozen service, and its ticks.
-    """
-    chance = random.Random(seed)  # noqa: S311
-    clock = sim.host.clock
-    assert clock is not None  # a clock drives the run
-    world = sim.host.service_of(clock)
-    services = [service for service in sim.host.services if service is not world]
-    time, begin_s, frozen = sim.scenario.sim, 0.0, []
-    while (begin_s := begin_s + chance.uniform(*PAUSES_S)) < time.duration_s:
-        end_s = begin_s + chance.uniform(*FREEZES_S)
-        ticks = range(round(begin_s / time.tick_s), round(end_s / time.tick_s))
-        service = chance.choice(services)
-        for turn in service.turns:
-            turn.is_triggered = partial(_is_triggered, ticks, turn.is_triggered)  # type: ignore[method-assign]
-        frozen.append((service.name, ticks))
-        begin_s = end_s
-    sim.host.revise = lambda: None  # type: ignore[method-assign]  # frozen services repeat no step
-    sim.clock.lockstep = False
-    sim.clock.schedule = Schedule(time.tick_s, math.inf)  # each tick is due at once
-    return frozen
-
-
-def _is_triggered(skipped: range, before: Callable[[int], bool], tick: int) -> bool:
-    return tick not in skipped and before(tick)

@@ -6,7 +6,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from harness import SCENARIOS, error_of
-from mecazen import keys
 from mecazen import messages as m
 from mecazen.config.world import Box, Cylinder
 from mecazen.errors import ConfigError
@@ -15,12 +14,11 @@ from mecazen.loading import load_scenario
 from mecazen.skeleton import INDEX, LIMBS
 from mecazen_experiments import frame
 from mecazen_experiments.expansion import Job, expand
-from mecazen_experiments.fuzz import Options, Rider, freeze, fuzz, room
+from mecazen_experiments.fuzz import Options, Rider, fuzz, room
 from mecazen_experiments.safety import gap_to_obstacle, gap_to_person, measure
 from mecazen_experiments.study import load_study
 from mecazen_experiments.tables import make_tables
-from mecazen_tools.observe import PersonOverTime, Watched, collect
-from mecazen_tools.simulation import Simulation
+from mecazen_tools.observe import PersonOverTime, Watched
 from mecazen_tools.table import Poses
 from people import HEIGHT, NEXUS, body
 
@@ -194,23 +192,6 @@ def test_the_person_walks_at_the_robot_and_brakes_within_a_time():
     assert max(abs(b - a) for a, b in pairwise(speeds)) == pytest.approx(0.12)
     assert max(speeds) == 1.5
     assert min(distances) < 50.0 - 5.0  # a third of 40 s towards the robot, and the rest anywhere
-
-
-def test_no_frozen_service_makes_a_guarded_robot_touch_a_person():
-    services = 'services=["physics", "controller", "target", "follower"]'
-    scores = minute(4, "sim.duration_s=20.0", "speed_m_s=0.0", "freezes=true", services)
-    assert scores["caused"] == scores["walls"] == 0
-
-
-def test_a_frozen_service_gives_nothing_and_then_continues():
-    scenario = load_scenario(SCENARIOS / "back.toml", {"sim.duration_s": 20.0})
-    with Simulation(scenario) as sim:
-        frozen = freeze(sim, 1)
-        (commands,) = collect(sim, keys.JOINT_COMMAND).values()
-    ticks = {round(command.header.stamp.ns / 1e7) for command in commands}
-    missing = {*range(scenario.sim.ticks)} - ticks
-    windows = [window for name, window in frozen if name == "controller"]
-    assert missing == {tick for window in windows for tick in window if tick < scenario.sim.ticks}
 
 
 @pytest.mark.parametrize(
