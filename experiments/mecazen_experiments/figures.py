@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -25,30 +24,20 @@ from mecazen_tools.drawing import (
 )
 from mecazen_tools.observe import observe
 from mecazen_tools.statistics import mean_interval
-from mecazen_tools.table import Floats, Table, deviations
+from mecazen_tools.table import Table, deviations
 
 from mecazen_experiments.expansion import Job
 from mecazen_experiments.frame import select
-from mecazen_experiments.gait.motion import MEASURED
-from mecazen_experiments.mocap import Capture, capture
 from mecazen_experiments.runs import Workers, do_all
-from mecazen_experiments.study import Study, StudyFigure
+from mecazen_experiments.study import UNIT, Study, StudyFigure
 from mecazen_experiments.tables import unit_means
 
-FirstRuns = Sequence[tuple[Job, Any]]
-"""The first run of each row of a figure, in the order of the frame, with what its kind needs."""
+FirstRuns = Sequence[tuple[Job, Table]]
+"""The first run of each row of a figure, in the order of the frame, with every tick of it."""
 
 FORMATS = "png", "svg"
 ARROW_EVERY_S = 6.0
 ARROW_LENGTH_M, ARROW_WIDTH_M = 0.7, 0.09
-PERCENT = np.linspace(0.0, 100.0, 51)
-"""Points of the gait cycle."""
-CYCLES: dict[str, dict[str, Any]] = {
-    "truth": {"color": "black", "linewidth": 1.0},
-    "raw": {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0},
-    "refined": {"color": BLUE, "linewidth": 1.0},
-}
-"""Lines of the stages of a walk."""
 LINES: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linestyle": DASHES, "linewidth": 1.0, "zorder": 3.0},
     {"color": BLUE, "linewidth": 0.6},
@@ -64,22 +53,26 @@ def draw(
     for spec in study.figures:
         chosen = select(frame, spec.where, f"figure {spec.name!r}: where")
         first: dict[str, Job] = {}
-        for key in chosen["key"]:
+        for key in chosen["key"] if spec.kind != "points" else ():
             first.setdefault(by_key[key].row, by_key[key])
-        todo = [*first.values()]
-        draw_kind, work = KINDS[spec.kind]
-        results = {job.key: result for job, result in do_all(work, todo, workers)} if work else {}
+        tables = {job.key: table for job, table in do_all(tabulate, [*first.values()], workers)}
+        runs = [(job, tables[job.key]) for job in first.values()]
         with style.context(STYLE):
-            drawn = draw_kind(spec, chosen, [(job, results.get(job.key)) for job in todo])
+            match spec.kind:
+                case "points":
+                    drawn = points(spec, chosen)
+                case "paths":
+                    drawn = paths(runs)
+                case "errors":
+                    drawn = errors(spec, runs)
         for suffix in FORMATS:
             file = folder / f"{spec.name}.{suffix}"
             save(drawn, file)
             yield file
 
 
-def points(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Figure:
+def points(spec: StudyFigure, frame: pd.DataFrame) -> figure.Figure:
     """Draw means with 95 % intervals at each x: a panel for each y, a colour for each `by`."""
-    del runs
     size = COLUMN_IN * max(1.0, 0.7 * len(spec.y)), 0.7 * COLUMN_IN
     drawn = figure.Figure(figsize=size, layout="constrained")
     x_label, *y_labels = spec.labels or (spec.x, *spec.y)
@@ -90,7 +83,7 @@ def points(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Fi
         groups = known.groupby(spec.by, sort=False) if spec.by else [(None, known)]
         for (word, group), colour in zip(groups, cycle(PALETTE), strict=False):
             at = {
-                x: mean_interval([*unit_means(rows, spec.unit, name).values()])
+                x: mean_interval([*unit_means(rows, UNIT, name).values()])
                 for x, rows in group.groupby(spec.x, sort=False)
             }
             means = [interval.mean for interval in at.values()]
@@ -100,15 +93,13 @@ def points(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Fi
             ]
             line: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5}
             axes.errorbar([*at], means, bars, label=word, capsize=2.0, **line)
-    drawn.suptitle(spec.title)
     if spec.by:
         _legend(drawn)
     return drawn
 
 
-def paths(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Figure:
+def paths(runs: FirstRuns) -> figure.Figure:
     """Draw the paths of person and robot in world, one panel for the first run of each row."""
-    del spec, frame
     drawn = figure.Figure(
         figsize=(COLUMN_IN, 0.36 * COLUMN_IN * len(runs) / 2), layout="constrained"
     )
@@ -121,9 +112,8 @@ def paths(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Fig
     return drawn
 
 
-def errors(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Figure:
+def errors(spec: StudyFigure, runs: FirstRuns) -> figure.Figure:
     """Draw the errors of distance and angle over time: a row for each x, a line for each `by`."""
-    del frame
     groups = list(dict.fromkeys(str(job.labels[spec.x]) for job, _ in runs))
     size = COLUMN_IN, 0.4 * COLUMN_IN * len(groups)
     drawn = figure.Figure(figsize=size, layout="constrained")
@@ -141,52 +131,6 @@ def errors(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Fi
         axes.set_xlabel("t [s]")
     _legend(drawn)
     return drawn
-
-
-def cycles(spec: StudyFigure, frame: pd.DataFrame, runs: FirstRuns) -> figure.Figure:
-    """Draw angles over the gait cycle, a column for the first run of each row.
-
-    Lines are means over the strides of both legs; the band of `raw` is one standard deviation.
-    """
-    del spec, frame
-    drawn = figure.Figure(figsize=(2.0 * COLUMN_IN, COLUMN_IN), layout="constrained")
-    grid = drawn.subplots(len(MEASURED), len(runs), sharex=True, sharey="row", squeeze=False)
-    for column, (job, walk) in zip(grid.T, runs, strict=True):
-        phases, angles = walk.truth_at_frames.phases, walk.angles
-        for joint, axes in enumerate(column):
-            for name in (name for name in CYCLES if name in angles):
-                strides = by_stride(phases, angles[name][:, [joint, joint + len(MEASURED)]])
-                mean, deviation = strides.mean(axis=0), strides.std(axis=0)
-                axes.plot(PERCENT, mean, label=name, **CYCLES[name])
-                if name == "raw":
-                    band = mean - deviation, mean + deviation
-                    axes.fill_between(PERCENT, *band, color=ORANGE, alpha=0.25, linewidth=0.0)
-        column[0].set(title=", ".join(map(str, job.labels.values())), xlim=(0.0, 100.0))
-        column[-1].set_xlabel("gait cycle [%]")
-    for label, axes in zip(MEASURED, grid[:, 0], strict=True):
-        axes.set_ylabel(f"{label} [°]")
-    _legend(drawn)
-    return drawn
-
-
-def by_stride(phases: Floats, angles: Floats) -> Floats:
-    """Return an angle at `PERCENT` for every complete stride (strides, 51) of both legs.
-
-    Phases and angles (n, 2) are those of the left and the right leg in n frames; angles may be NaN.
-    """
-    strides = []
-    for phase, angle in zip(phases.T, angles.T, strict=True):
-        known = ~np.isnan(angle)
-        progress = np.unwrap(phase, period=1.0)
-        for begin in range(math.ceil(progress[0]), math.floor(progress[-1])):
-            at = begin + PERCENT / 100.0
-            strides.append(np.interp(at, progress[known], angle[known]))
-    return np.array(strides)
-
-
-def captured(job: Job) -> Capture:
-    """Simulate a job and return its captured walk."""
-    return capture(job.load())
 
 
 def tabulate(job: Job) -> Table:
@@ -212,18 +156,3 @@ def _draw_paths(axes: Axes, table: Table) -> None:
 def _legend(drawn: figure.Figure) -> None:
     handles, labels = drawn.axes[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-
-
-KINDS: dict[
-    str,
-    tuple[
-        Callable[[StudyFigure, pd.DataFrame, FirstRuns], figure.Figure],
-        Callable[[Job], Any] | None,
-    ],
-] = {
-    "cycles": (cycles, captured),
-    "points": (points, None),
-    "paths": (paths, tabulate),
-    "errors": (errors, tabulate),
-}
-"""How each kind of figure is drawn, and what it needs of the first run of each row."""

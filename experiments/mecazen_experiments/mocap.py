@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from statistics import fmean
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mecazen.config import Scenario
 from mecazen.errors import ConfigError
 from mecazen.geometry import Standoff
 from mecazen.keys import SKELETONS, TARGET_SKELETON
@@ -31,78 +30,49 @@ STAGES = ("raw", "filtered", "refined")
 Columns = dict[str, float | str | None]
 
 
-class Capture(NamedTuple):
-    """A run, and its walk from the time at which it is steady."""
-
-    table: Table
-    """Robot and person at every tick of the whole run."""
-    truth: Motion
-    """True joints in world, at the rate of `sensors.skeleton_rate_hz`; deviations are 0."""
-    seen: Motion
-    """Reported joints at the tracker's frames, in odom: the robot knows no other fixed frame."""
-    stages: dict[str, Stage]
-    """The walk by stage: `truth`, and those of `STAGES` that can be computed."""
-    trajectory_sha256: str = ""
-
-    @property
-    def truth_at_frames(self) -> Motion:
-        """The truth at the captures of `seen`."""
-        return self.truth.where(np.searchsorted(self.truth.t, self.seen.t - 1e-6))
-
-    @property
-    def angles(self) -> dict[str, Floats]:
-        """Sagittal angles (n, 6) [deg] by stage, in the order of `mecazen.skeleton.ANGLES`.
-
-        NaN where no body was reported.
-        """
-        known = {name: angles(self.stages[name].joints) for name in STAGES if name in self.stages}
-        return {"truth": angles(self.truth_at_frames.joints), **known}
-
-
 def mocap(job: Job) -> Columns:
     """Simulate a job; return the quality of its capture, and the hash of its trajectory."""
     scenario = job.load()
-    walk = capture(scenario)
-    trajectory = walk.trajectory_sha256[:16]
-    return {**quality(walk, scenario.follower.standoff), "trajectory": trajectory}
-
-
-def capture(scenario: Scenario) -> Capture:
-    """Simulate a scenario; return the true joints and the reported joints."""
     run = observe_bodies(scenario)
     truth, seen = motions(run.samples[TARGET_SKELETON.key], run.samples[SKELETONS.key])
     at = run.table.ticks(seen.t)
     seen = seen.placed(Poses(*(column[at] for column in run.table.poses("odom"))))
-    return captured(run.table, truth, seen)._replace(trajectory_sha256=run.trajectory_sha256)
+    columns = quality(run.table, truth, seen, scenario.follower.standoff)
+    return {**columns, "trajectory": run.trajectory_sha256[:16]}
 
 
-def captured(table: Table, truth: Motion, seen: Motion) -> Capture:
-    """Return the capture of a whole run: its joints from `SETTLING_S` after the first motion on."""
-    first = first_motion(table)
-    begin_s = math.inf if first is None else table["t_s"][first] + SETTLING_S
-    truth, seen = (motion.where(motion.t >= begin_s) for motion in (truth, seen))
-    return Capture(table, truth, seen, {"truth": true_stage(truth), **seen_stages(seen)})
-
-
-def quality(walk: Capture, standoff: Standoff) -> Columns:
-    """Return the scores of a capture in which the robot had to keep `standoff`.
+def quality(table: Table, truth: Motion, seen: Motion, standoff: Standoff) -> Columns:
+    """Return the scores of a capture, from `SETTLING_S` after the first motion on.
 
     `STAGE_JOINT_deg` is the root mean square error of an angle of both legs, and with `centred`
     that without the mean error of each leg; `STAGE_jitter_mm` the root mean square of the second
     difference from frame to frame over all joints. Errors of the gait are those of the refined
     joints, and its variability is that of the filtered joints.
+
+    Args:
+        table: Robot and person at every tick of the whole run.
+        truth: True joints in world, at the rate of `sensors.skeleton_rate_hz`.
+        seen: Reported joints at the tracker's frames, in odom: the robot knows no other fixed
+            frame.
+        standoff: The standoff that the robot had to keep.
     """
-    missing = Stage(np.empty(0), np.empty((0, len(JOINTS), 3)))
-    true, *stages = (walk.stages.get(name, missing) for name in ("truth", *STAGES))
-    _, filtered, refined = stages
+    first = first_motion(table)
+    begin_s = math.inf if first is None else table["t_s"][first] + SETTLING_S
+    truth, seen = (motion.where(motion.t >= begin_s) for motion in (truth, seen))
+    true, missing = true_stage(truth), Stage(np.empty(0), np.empty((0, len(JOINTS), 3)))
     if true.gait is None:
         raise ConfigError("nobody takes two strides; is sim.duration_s too short?")
-    seen, by_stage = walk.seen, walk.angles
+    known = seen_stages(seen)
+    stages = {name: known.get(name, missing) for name in STAGES}
+    _, filtered, refined = stages.values()
+    at_frames = truth.where(np.searchsorted(truth.t, seen.t - 1e-6))
+    true_angles = angles(at_frames.joints)
+    by_stage = {name: angles(stage.joints) for name, stage in known.items()}
     columns: Columns = {}
-    for name, stage in zip(STAGES, stages, strict=True):
+    for name, stage in stages.items():
         errors = None
         if name in by_stage and seen.reported.any():
-            errors = (by_stage[name] - by_stage["truth"])[seen.reported]
+            errors = (by_stage[name] - true_angles)[seen.reported]
         columns |= _angle_errors(name, errors)
         columns[f"{name}_jitter_mm"] = _jitter_mm(stage.joints)
     columns |= _gait_errors(refined.gait, true.gait)
@@ -115,15 +85,14 @@ def quality(walk: Capture, standoff: Standoff) -> Columns:
     columns["stride_time_sd_err_ms"] = _milli(error)
     late = refined.events.less(true.events) if refined.events and true.events else (None, None)
     columns["strike_err_ms"], columns["off_err_ms"] = map(_milli, late)
-    for name, stage_name in (("true", "truth"), ("refined", "refined")):
+    for name, degrees in (("true", true_angles), ("refined", by_stage.get("refined", ()))):
         for side in SIDES:
-            at = ANGLES.index(f"{side}_knee")
-            flexion = by_stage[stage_name][:, at] if stage_name in by_stage else ()
+            flexion = np.asarray(degrees)[:, ANGLES.index(f"{side}_knee")] if len(degrees) else ()
             columns[f"{name}_{side}_knee_deg"] = float(np.max(flexion)) if len(flexion) else None
     shares = dict(zip(JOINTS, (seen.confidence == SEEN).mean(axis=0).tolist(), strict=True))
     for joint in (*MEASURED, "heel", "foot"):
         columns[f"{joint}_seen_percent"] = 100.0 * fmean(shares[f"{s}_{joint}"] for s in SIDES)
-    following = score(walk.table, standoff)
+    following = score(table, standoff)
     for name in ("d_err_m", "theta_err_deg", "odometry_drift_percent"):
         columns[name] = following[name]
     return columns

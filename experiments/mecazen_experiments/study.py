@@ -1,4 +1,8 @@
-"""A study: scenarios, settings, grid, seeds, tables and figures, in one TOML file."""
+"""A study: scenarios, settings, grid, seeds, tables and figures, in one TOML file.
+
+Its program is a function of a job that returns the columns of its row: numbers, texts, true or
+false, or None where there is nothing to measure. Each run returns the same columns.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +19,6 @@ from mecazen.files import read_toml
 from mecazen.loading import given_file, load_table, named_file
 from mecazen.schema import Finite, Positive, Section
 
-from mecazen_experiments.programs import PROGRAMS
-
 Seed = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 Runs = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
@@ -25,9 +27,20 @@ Settings = tuple[str, ...]
 Label = bool | int | float | str
 How = Literal["mean", "share", "sum", "min", "max", "value", "difference", "ratio", "most_per_hour"]
 """The way in which a column of a table summarises the runs of a row."""
+Value = bool | int | float | str | None
+"""A value of a column that a program returns."""
 UNIT = ("case", "draw")
 """The default unit; `draw` is the walk, or the seed without a walk."""
 PACKAGE = Path(__file__).parent
+PROGRAMS = {
+    "followbench": f"{PACKAGE.name}.followbench.program",
+    "following": f"{PACKAGE.name}.scores",
+    "fuzz": f"{PACKAGE.name}.fuzz",
+    "mocap": f"{PACKAGE.name}.mocap",
+    "safety": f"{PACKAGE.name}.safety",
+    "walkers": f"{PACKAGE.name}.limit",
+}
+"""Modules of the programs, by the names of their functions, which are those in studies."""
 
 
 class Case(Section):
@@ -103,7 +116,7 @@ class StudyFigure(Section):
 
     name: Annotated[str, msgspec.Meta(pattern=r"^[\w-]+$")]
     """The name of the file."""
-    kind: Literal["points", "paths", "errors", "cycles"] = "points"
+    kind: Literal["points", "paths", "errors"] = "points"
     x: str = ""
     """A column of the frame."""
     y: tuple[str, ...] = ()
@@ -112,8 +125,6 @@ class StudyFigure(Section):
     """A column of the frame: a colour for each value."""
     where: str = ""
     """A query of the frame, as in tables."""
-    unit: tuple[str, ...] = UNIT
-    title: str = ""
     labels: tuple[str, ...] = ()
     """The labels of the axes of x and each y; the names of the columns by default."""
 
@@ -125,7 +136,7 @@ class Study(Section):
     extends: str = ""
     """File of another study, relative to this one, whose keys this one has unless it sets them."""
     program: Name = "following"
-    """The program of a run, a name in `programs.PROGRAMS`."""
+    """The program of a run, a name in `PROGRAMS`."""
     seeds: Runs = 30
     """Number of seeds."""
     first_seed: Seed = 1

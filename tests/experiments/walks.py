@@ -25,5 +25,4 @@ def person(speed=1.2, duration_s=12.0, rate_hz=RATE_HZ, body=None):
 def reported(t, joints, std=1e-3):
     """Joints as reported with a deviation [m]."""
     shape = joints.shape[:2]
-    unknown = np.full((len(t), 2), np.nan)
-    return Motion(t, joints, np.full(shape, std), np.full(shape, 2), unknown)
+    return Motion(t, joints, np.full(shape, std), np.full(shape, 2))

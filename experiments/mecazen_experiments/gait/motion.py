@@ -45,8 +45,6 @@ class Motion(NamedTuple):
     """Reported standard deviation of each joint (n, 20) along any axis [m]."""
     confidence: npt.NDArray[np.int64]
     """Confidence as in `messages.Skeleton` (n, 20)."""
-    phases: Floats
-    """Share of the gait cycle since the last foot strike (n, 2), left and right; NaN if unknown."""
 
     @property
     def rate_hz(self) -> float:
@@ -67,7 +65,7 @@ class Motion(NamedTuple):
         period = float(np.median(np.diff(self.t)))
         at = np.rint((self.t - self.t[0]) / period).astype(np.int64)
         columns = [self.t[0] + period * np.arange(at[-1] + 1)]
-        for values, missing in zip(self[1:], (np.nan, 0.0, 0, np.nan), strict=True):
+        for values, missing in zip(self[1:], (np.nan, 0.0, 0), strict=True):
             columns.append(np.full((len(columns[0]), *values.shape[1:]), missing))
             columns[-1][at] = values
         return Motion(*columns)
@@ -96,7 +94,6 @@ def _motion(bodies: Sequence[tuple[m.Header, m.Skeleton | None]]) -> Motion:
         np.array([[(j.x, j.y, j.z) for j in b.joints] if b else nobody for _, b in bodies]),
         np.array([b.std if b and b.std else [0.0] * n for _, b in bodies]),
         np.array([b.confidence if b and b.confidence else [0] * n for _, b in bodies]),
-        np.array([b.phases if b and b.phases else [np.nan] * 2 for _, b in bodies]),
     )
 
 
