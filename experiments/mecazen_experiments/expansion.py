@@ -20,8 +20,15 @@ from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_people.paths import make_path
 
-from mecazen_experiments.programs import PROGRAMS
-from mecazen_experiments.study import Case, Label, Settings, Study, check_known, matching
+from mecazen_experiments.study import (
+    PROGRAMS,
+    Case,
+    Label,
+    Settings,
+    Study,
+    check_known,
+    matching,
+)
 from mecazen_experiments.versions import fingerprint, version, with_content
 
 
@@ -29,7 +36,7 @@ class Job(NamedTuple):
     """One run: a row of the study's frame."""
 
     program: str
-    """The name in `programs.PROGRAMS` of the function that simulates and measures it."""
+    """The name in `study.PROGRAMS` of the function that simulates and measures it."""
     labels: Mapping[str, Label]
     """Columns of the frame: the case, its labels, the choices of the grid, and swept settings."""
     row: str
@@ -152,8 +159,8 @@ def _variants(
     """Yield each file of a case, the settings with it, and what the result depends on."""
     if scenario is None:
         options = [
-            with_content(value) if isinstance(value, str) and ".py:" in value else value
-            for value in parse_settings(settings).values()
+            with_content(value) if key.startswith("programs.") and isinstance(value, str) else value
+            for key, value in parse_settings(settings).items()
         ]
         for file in files or (None,):
             content = None if file is None else hashlib.sha256(read_bytes(file)).hexdigest()

@@ -20,7 +20,7 @@ from mecazen.errors import ConfigError, MecazenError
 from mecazen_tools.pool import CORES, processes
 
 from mecazen_experiments.expansion import Job
-from mecazen_experiments.programs import PROGRAMS, Value
+from mecazen_experiments.study import PROGRAMS, Value
 from mecazen_experiments.versions import version
 
 T = TypeVar("T")

@@ -1,78 +1,100 @@
-"""The programs `followbench` and `followbench_rules`: our robot in an episode, or a planner."""
+"""The program `followbench`: our robot, or another follower on it, in an episode."""
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 import math
-from collections.abc import Callable
-from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
-from mecazen import messages as m
+import msgspec
+import numpy as np
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError, explaining
-from mecazen.geometry import Pose2D, Twist2D
-from mecazen.keys import CMD_VEL, ODOM, PEOPLE, SCAN, Topic
-from mecazen.loading import from_tables, load_scenario, named_file, scenario_path
-from mecazen.loop import mapping_of
-from mecazen.node import Inputs, Node, Tick
-from mecazen.programs import imported
-from mecazen.wire import NS_PER_S
-from mecazen_tools.observe import watch
+from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D
+from mecazen.loading import from_tables, named_file
+from mecazen_tools.observe import PELVIS, Watched, watch
 
-from mecazen_experiments.followbench import robot
-from mecazen_experiments.followbench.episodes import DISTANCE_M, STEP_S, Episode, Walk, read
-from mecazen_experiments.followbench.people import SPEED_M_S, Grid
-from mecazen_experiments.followbench.play import Planner, Seen, View, metrics, play
-from mecazen_experiments.followbench.social import Social
+from mecazen_experiments.followbench.episodes import (
+    DISTANCE_M,
+    PERSON_M,
+    STEP_S,
+    Episode,
+    read,
+)
 from mecazen_experiments.safety import measure
 
 if TYPE_CHECKING:
     from mecazen_experiments.expansion import Job
-    from mecazen_experiments.programs import Value
+    from mecazen_experiments.study import Value
 
-WALL_M = 2.0
-"""Height of the boxes [m]; those of Follow-Bench have no height."""
+CENTRE_M = 0.25
+"""Distance from the rear axle of the benchmark's robot, of which its poses are, to its centre."""
+PRIVATE_M, PERSONAL_M = 0.45, 1.2
+"""Outer radii of the private and the personal zone of a person [m], after E. T. Hall, 1966."""
+AHEAD_M = 1.0
+"""Distance of the way-point that shows where the target walks at the start."""
 CROWDS = ("Circular", "Crowd", "Parallel", "Perpendicular")
 LAYOUTS = ("Corridor", "Intersection", "Doorway", "Clutter")
-
-
-def followbench_rules(job: Job) -> dict[str, Value]:
-    """Play the episode of a job's file by the rules of Follow-Bench.
-
-    The option `follower` names the planner, see `entrant`; by default it is the reference.
-    """
-    episode = _episode(job)
-    options = job.options()
-    follower = str(options.pop("follower", "social"))
-    if options:
-        raise ConfigError(f"set: no option {min(options)!r}; allowed: follower")
-    planner = entrant(follower)()
-    with nullcontext() if follower == "social" else explaining(follower):
-        record = play(episode, planner, job.seed)
-    digest = hashlib.sha256(record.robot.tobytes() + record.target.tobytes()).hexdigest()
-    return _labels(episode) | metrics(record, episode) | {"trajectory": digest[:16]}
 
 
 def followbench(job: Job) -> dict[str, Value]:
     """Simulate our robot in the episode of a job's file.
 
-    The columns are those of `safety.measure`, and the two successes of Follow-Bench: `asr` without
-    contact, whoever caused it, and `sr` if the camera also never lost the target for too long. The
-    job's options are settings of the scenario.
+    The columns are those of `safety.measure`, the metrics, and the two successes of Follow-Bench:
+    `asr` without contact, whoever caused it, and `sr` if the camera also never lost the target for
+    too long. The job's options are settings of the scenario.
     """
-    episode = _episode(job)
+    if job.file is None:
+        raise ConfigError("files: must name episodes of Follow-Bench")
+    episode = read(job.file)
     scenario = scenario_of(episode, job.seed, job.options())
     run = watch(scenario)
     columns = measure(run, scenario)
     contacts = ("contacts_person_all", "contacts_others_all", "contacts_walls")
     asr = not any(columns[name] for name in contacts)
     sr = asr and float(columns["regain_s"] or 0.0) <= episode.max_search_steps * STEP_S
-    successes = {"sr": sr, "asr": asr}
-    return _labels(episode) | successes | columns | {"trajectory": run.trajectory_sha256[:16]}
+    kind = "open" if episode.cls in CROWDS else "layout" if episode.cls in LAYOUTS else "track"
+    return {
+        "kind": kind,
+        "class": episode.cls,
+        "place": episode.place,
+        "people": len(episode.humans),
+        "sr": sr,
+        "asr": asr,
+        **columns,
+        **metrics(run, scenario),
+        "trajectory": run.trajectory_sha256[:16],
+    }
+
+
+def metrics(run: Watched, scenario: Scenario) -> dict[str, float]:
+    """Return the metrics of Follow-Bench of a run, from its steps; shares in percent.
+
+    `tin_tperson` is the share of the time in the target's personal zone outside of the private
+    zone, and `tin_private` in the private zone of another person; distances are those from the
+    circle around the robot's outline. `pl_m` is the length of the path, and the others are means
+    over the steps.
+    """
+    centres = np.stack(run.robot[:2], axis=-1)
+    gaps = [
+        np.hypot(*(body.joints[:, PELVIS, :2] - centres).T)
+        - math.hypot(*scenario.robot.footprint)
+        - PERSON_M
+        for body in (run.person, *run.pedestrians)
+    ]
+    target = gaps[0]
+    nearest = np.nanmin([np.full(len(target), np.inf), *gaps[1:]], axis=0)
+    every = slice(None, None, round(STEP_S / run.table.tick_s))
+    steps = np.stack(run.table.poses("robot")[:2], axis=-1)[every]
+    velocity, acceleration, jerk = (np.diff(steps, n, axis=0) / STEP_S**n for n in (1, 2, 3))
+    return {
+        "tin_tperson": 100.0 * float(np.mean((target > PRIVATE_M) & (target < PERSONAL_M))),
+        "tin_private": 100.0 * float(np.mean(nearest < PRIVATE_M)),
+        "pl_m": STEP_S * float(np.hypot(*velocity.T).sum()),
+        "avg_vel_m_s": float(np.hypot(*velocity.T).mean()),
+        "avg_acc_m_s2": float(np.hypot(*acceleration.T).mean()),
+        "jerk_m_s3": float(np.hypot(*jerk.T).mean()),
+    }
 
 
 def scenario_of(episode: Episode, seed: int, settings: dict[str, Any] | None = None) -> Scenario:
@@ -82,9 +104,8 @@ def scenario_of(episode: Episode, seed: int, settings: dict[str, Any] | None = N
     target it remains on the side of its start. People have the planned paths and the speed of the
     episode, a walking body, and give way by the social force of mecazen.
     """
-    grid = Grid(episode)
-    centre, target = episode.robot.compose(Pose2D(robot.CENTRE)), episode.target.start
-    yaw = math.atan2(target.y - centre.y, target.x - centre.x)
+    centre, target = episode.robot.compose(Pose2D(CENTRE_M)), episode.target
+    yaw = math.atan2(target.y_m - centre.y, target.x_m - centre.x)
     tables: dict[str, Any] = {
         "robot": str(named_file("nexus", "robot")),
         "seed": seed,
@@ -92,19 +113,11 @@ def scenario_of(episode: Episode, seed: int, settings: dict[str, Any] | None = N
         "sim": {"mode": "lockstep", "duration_s": episode.max_steps * STEP_S},
         "start": {"x_m": centre.x, "y_m": centre.y, "yaw_deg": math.degrees(yaw)},
         "sensor": {"kind": "fused"},
-        "target": {"path": _path(episode.target, grid)},
-        "crowd": {"walkers": [{"path": _path(walk, grid)} for walk in episode.humans]},
+        "target": {"path": msgspec.to_builtins(target)},
+        "crowd": {"walkers": [{"path": msgspec.to_builtins(path)} for path in episode.humans]},
         "world": {
-            "person": {"radius_m": robot.PERSON_RADIUS},
-            "obstacles": [
-                {
-                    "kind": "box",
-                    "size_m": [box.length, box.width, WALL_M],
-                    "position_m": [box.x, box.y],
-                    "yaw_deg": math.degrees(box.yaw),
-                }
-                for box in episode.boxes
-            ],
+            "person": {"radius_m": PERSON_M},
+            "obstacles": list(map(msgspec.to_builtins, episode.boxes)),
         },
         "follower": {"view": _view(episode), "standoff_m": DISTANCE_M, "planner": {}},
     }
@@ -115,100 +128,8 @@ def _view(episode: Episode) -> str:
     """Return the view for the episode's place; beside the target it is that of the nearer side."""
     if episode.place == "back":
         return "back"
-    start, (x, y) = episode.target.start, episode.target.goals[0]
-    walks = start._replace(yaw=math.atan2(y - start.y, x - start.x))
+    path = episode.target
+    start, points = (path.x_m, path.y_m), (*path.via_m, path.goal_m)
+    x, y = next(point for point in points if math.dist(point, start) >= AHEAD_M)
+    walks = Pose2D(*start, math.atan2(y - start[1], x - start[0]))
     return "side_left" if walks.between(episode.robot).y >= 0.0 else "side_right"
-
-
-def _path(walk: Walk, grid: Grid) -> dict[str, Any]:
-    return {
-        "kind": "goal",
-        "x_m": walk.start.x,
-        "y_m": walk.start.y,
-        "yaw_deg": math.degrees(walk.start.yaw),
-        "via_m": [list(place) for place in grid.path(walk)[:-1]],
-        "goal_m": list(walk.goals[-1]),
-        "speed_m_s": SPEED_M_S,
-    }
-
-
-def _episode(job: Job) -> Episode:
-    if job.file is None:
-        raise ConfigError("files: must name episodes of Follow-Bench")
-    return read(job.file)
-
-
-def _labels(episode: Episode) -> dict[str, Value]:
-    """Return what tables group by; people are those besides the target."""
-    kind = "open" if episode.cls in CROWDS else "layout" if episode.cls in LAYOUTS else "track"
-    labels = {"kind": kind, "class": episode.cls, "place": episode.place}
-    return labels | {"people": len(episode.humans)}
-
-
-def entrant(name: str) -> Callable[[], Planner]:
-    """Return the maker of a planner: `social`, or `file.py:Class`.
-
-    Raises:
-        ConfigError: There is no such planner.
-    """
-    if name == "social":
-        return Social
-    if ":" not in name:
-        raise ConfigError(f"follower = {name!r}: must be social, or file.py:Class")
-    made = imported(name)
-    if inspect.isclass(made) and issubclass(made, Node):
-        return partial(NodePlanner, made)
-    if inspect.isclass(made) and hasattr(made, "command"):
-        return cast(Callable[[], Planner], made)
-    raise ConfigError(
-        f"follower = {name!r}: must be a class with command(view), or a mecazen.node.Node"
-    )
-
-
-class NodePlanner:
-    """A follower node of mecazen: it receives odometry, people and scans, and publishes `cmd_vel`.
-
-    The person to follow is named "target", and is absent while out of sight.
-    """
-
-    def __init__(self, made: type[Node]) -> None:
-        self._node = made(load_scenario(scenario_path("back")))
-        self._twist = Twist2D()
-
-    def reset(self, seed: int) -> None:
-        """Begin an episode."""
-        self._node.reset(seed)
-
-    def command(self, view: View) -> tuple[float, float]:
-        """Return the forward speed and yaw rate of the node's last `cmd_vel`."""
-        number = round(view.time_s / STEP_S)
-        tick = Tick(number, number * round(STEP_S * NS_PER_S), STEP_S)
-        header = m.Header(stamp=tick.time, frame_id="odom")
-        persons = [_person(f"walker_{n}", person) for n, person in enumerate(view.people, 1)]
-        if view.target is not None:
-            persons.insert(0, _person("target", view.target))
-        twist = Twist2D(view.v, 0.0, view.w)
-        samples: dict[Topic[Any], m.Message] = {
-            ODOM: m.planar_odometry(tick.time, "odom", "base_link", view.robot, twist),
-            PEOPLE: m.People(header, tuple(persons)),
-            SCAN: m.LaserScan(
-                header=m.Header(stamp=tick.time, frame_id="base_link"),
-                angle_min=float(robot.ANGLES[0]),
-                angle_max=float(robot.ANGLES[-1]),
-                angle_increment=robot.APART,
-                range_min=0.0,
-                range_max=robot.RANGE,
-                ranges=tuple(view.ranges.tolist()),
-            ),
-        }
-        outputs = self._node.step(tick, Inputs(samples, now_ns=tick.time_ns))
-        command = mapping_of("follower", outputs).get(CMD_VEL)
-        if isinstance(command, m.Twist):
-            self._twist = command.to_planar()
-        return self._twist.x, self._twist.yaw
-
-
-def _person(name: str, seen: Seen) -> m.Person:
-    """Return a person as a message: a disc has no heading, so the twist is along the axes."""
-    twist = m.Twist.planar(Twist2D(seen.vx, seen.vy))
-    return m.Person(name, m.Pose.planar(Pose2D(seen.x, seen.y)), twist)

@@ -1,10 +1,11 @@
-"""The social-force follower of Follow-Bench: the reference whose results are published.
+"""The social-force follower of Follow-Bench as a node: a reference beside our follower.
 
 A driving force towards the goal and exponential repulsions (Helbing & Molnár, Phys. Rev. E 51,
-1995) change the velocity of a point at the axle; a unicycle then turns into this velocity. The
+1995) change the robot's velocity; the robot then turns into this velocity as a unicycle. The
 formulas and parameters are those of Follow-Bench's planner (Ye et al., arXiv 2509.10796), including
 two peculiarities that affect its results. Clusters of the scan repel as obstacles although some are
-people. The direction vectors from clusters are divided by the norm of all vectors together.
+people. The direction vectors from clusters are divided by the norm of all vectors together. Unlike
+there, the target is known even where it is out of sight, and a cluster repels from its mean.
 """
 
 from __future__ import annotations
@@ -13,107 +14,129 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from mecazen.geometry import Pose2D, wrap
-from mecazen.portable import Floats, exp, inverse, product
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError
+from mecazen.config import Scenario
+from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.keys import CMD_VEL, GROUND_TRUTH, ODOM, PEOPLE, SCAN
+from mecazen.messages import Twist
+from mecazen.node import Inputs, Node, Outputs, Tick
+from mecazen.portable import Floats, exp
+from mecazen.row import Row, due, every
+from mecazen.scan import clusters, ranges_of
+from mecazen_people.crowd import Agent, agent_at
 
-from mecazen_experiments.followbench.episodes import DISTANCE_M, STEP_S, Place
-from mecazen_experiments.followbench.play import Seen, View
-from mecazen_experiments.followbench.robot import ANGLES, RANGE
+from mecazen_experiments.followbench.episodes import DISTANCE_M, STEP_S
 
 SPEED_M_S, GAIN = 3.0, 1.3
-"""Desired and maximum speed (the robot's own limit is 2 m/s), gain of the driving force [1/s]."""
+"""Desired and maximum speed (the robot's own limit is lower), gain of the driving force [1/s]."""
 ARRIVED_M, STILL_M = 0.7, 0.05
 """Distance to the goal below which the desired speed is 0, and below which the robot stops if the
 goal has not moved farther."""
-PEOPLE, THINGS, SAFE_M = (7.0, 0.5), (10.0, 0.5), 0.3
+PEOPLE_FORCE, THINGS_FORCE, SAFE_M = (7.0, 0.5), (10.0, 0.5), 0.3
 """Strength [m/s²] and reach [m] of the repulsion by people and by clusters of the scan, and the
 distance at which they repel with this strength."""
-THINGS_M, TARGET_M = 5.0, 0.5
-"""Distances beyond which clusters do not repel, and within which they are part of the target."""
+SIGHT_M, TARGET_M = 5.0, 0.5
+"""Distances beyond which people and clusters do not repel, and within which clusters are part of
+the target."""
 TURN_RAD_S, TURN_S, ALIGNED_RAD, SLOW_M_S = 2.0, 0.2, 0.1, 0.02
 """Maximum yaw rate, time of a turn, angle below which no turn is needed, speed that counts as 0."""
-AHEAD_S, SEARCH_M = 2.0, 0.2
-"""Horizon of the prediction, and distance from it at which a search ends."""
-INITIAL, PROCESS, MEASURED = 0.1**2, 0.05**2, 0.5**2
-"""Variances of position [m²] and velocity [m²/s²]: initial, per step, per measurement."""
 STANDING_M_S = 0.01
 """Below this speed, a person keeps the previous heading."""
-NOTHING_M = 0.01
-"""A beam that ends less than this before the maximum range hit nothing."""
 REACH_M, LEAST = 0.5, 3
-"""DBSCAN: the distance of neighbours, and the minimum number of neighbours of a core point,
-including itself."""
+"""Greatest distance of neighbours in a cluster, and the least number of its points."""
 
 
-class Social:
-    """A follower driven by social forces."""
+class SocialFollower(Node):
+    """Follows the person by social forces, with the true poses of robot and people."""
 
-    def __init__(self) -> None:
-        self.reset(0)
+    ROW = Row(
+        "follower",
+        inputs=(every(ODOM), every(GROUND_TRUTH), due(PEOPLE), due(SCAN)),
+        outputs=(CMD_VEL,),
+    )
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        self._is_behind = scenario.follower.view == "back"
+        self._lidar = scenario.robot.lidar.pose
+        self._ticks = round(STEP_S / scenario.sim.tick_s)
 
     def reset(self, seed: int) -> None:
-        """Forget the last episode; nothing is drawn at random."""
-        self._last: Seen | None = None
-        self._heading = 0.0
-        self._filter: ConstantVelocity | None = None
-        self._goal: tuple[float, float] | None = None
+        """Begin a run; nothing is drawn at random."""
+        self._heading, self._twist = 0.0, Twist2D()
+        self._goal = math.inf, math.inf
 
-    def command(self, view: View) -> tuple[float, float]:
-        """Return speed [m/s] and yaw rate [rad/s] for the next step."""
-        goal, robot = self._chase(view), view.robot
-        x, y = goal.x - robot.x, goal.y - robot.y
+    def step(self, tick: Tick, inputs: Inputs) -> Outputs:
+        """Return the twist, which changes with each step of Follow-Bench."""
+        if tick.number % self._ticks == 0 and (people := inputs.get(PEOPLE)) is not None:
+            robot = inputs[GROUND_TRUTH].pose.pose.to_planar()
+            speed = inputs[ODOM].twist.twist.to_planar().x
+            agents = {
+                person.id: agent_at(person.pose.to_planar(), person.twist.to_planar(), 0.0)
+                for person in people.persons
+            }
+            target = agents.pop("target")
+            things: list[tuple[float, float]] = []
+            if (scan := inputs.get(SCAN)) is not None:
+                groups = clusters(scan, ranges_of(scan), REACH_M, SIGHT_M)
+                groups = groups.moved(robot.compose(self._lidar))
+                things = [(x, y) for x, y in groups.middle[groups.counts >= LEAST].tolist()]
+            self._twist = self._command(robot, speed, target, [*agents.values()], things)
+        return {CMD_VEL: Twist.planar(self._twist)}
+
+    def _command(
+        self,
+        robot: Pose2D,
+        speed: float,
+        target: Agent,
+        humans: Sequence[Agent],
+        things: Sequence[tuple[float, float]],
+    ) -> Twist2D:
+        if math.hypot(target.vx, target.vy) >= STANDING_M_S:
+            self._heading = math.atan2(target.vy, target.vx)
+        last, self._goal = self._goal, self._place(robot, target)
+        x, y = self._goal[0] - robot.x, self._goal[1] - robot.y
         distance = math.hypot(x, y)
-        vx, vy = view.v * math.cos(robot.yaw), view.v * math.sin(robot.yaw)
+        if max(math.dist(last, self._goal), distance) < STILL_M:
+            return Twist2D()
+        vx, vy = speed * math.cos(robot.yaw), speed * math.sin(robot.yaw)
         drive = SPEED_M_S / distance if distance > ARRIVED_M else 0.0
-        push_x, push_y = self._push(view)
+        push_x, push_y = _push(robot, target, humans, things)
         vx += STEP_S * (GAIN * (drive * x - vx) + push_x)
         vy += STEP_S * (GAIN * (drive * y - vy) + push_y)
         scale = min(1.0, SPEED_M_S / max(math.hypot(vx, vy), 1e-9))
-        last, self._goal = self._goal, (goal.x, goal.y)
-        if last is not None and max(math.dist(last, self._goal), distance) < STILL_M:
-            return 0.0, 0.0
         return unicycle(robot.yaw, scale * vx, scale * vy)
 
-    def _chase(self, view: View) -> Pose2D:
-        """Return the goal pose; it is the robot's pose until the target is first visible.
+    def _place(self, robot: Pose2D, target: Agent) -> tuple[float, float]:
+        """Return the goal: behind the target at any bearing, or on its nearer side."""
+        if self._is_behind:
+            bearing = math.atan2(target.y - robot.y, target.x - robot.x)
+            x, y = -DISTANCE_M * math.cos(bearing), -DISTANCE_M * math.sin(bearing)
+            return target.x + x, target.y + y
+        x, y = -DISTANCE_M * math.sin(self._heading), DISTANCE_M * math.cos(self._heading)
+        sides = (target.x + x, target.y + y), (target.x - x, target.y - y)
+        return min(sides, key=lambda side: math.dist(side, robot[:2]))
 
-        As in Follow-Bench, the filter is updated only during a search, with the last sight as
-        measurement, and keeps its state from one search to the next.
-        """
-        robot, target = view.robot, view.target
-        if target is not None:
-            if math.hypot(target.vx, target.vy) >= STANDING_M_S:
-                self._heading = math.atan2(target.vy, target.vx)
-            self._last = target
-            return place(target, self._heading, robot, view.place, DISTANCE_M)
-        if self._last is None:
-            return robot
-        if self._filter is None:
-            self._filter = ConstantVelocity(self._last)
-        ahead = self._filter.step(self._last)
-        return place(ahead, self._heading, robot, "back", SEARCH_M)
 
-    def _push(self, view: View) -> tuple[float, float]:
-        """Return the repulsion [m/s²] from visible people and from clusters of the scan."""
-        middles = [center(group) for group in clusters(points(view))]
-        last = self._last
-        if last is not None:
-            middles = [middle for middle in middles if math.dist(middle, last[:2]) > TARGET_M]
-        away, ranges = _away(view.robot, [person[:2] for person in view.people])
-        x, y = _repulsion(away / ranges[:, None], ranges, *PEOPLE)
-        away, ranges = _away(view.robot, middles)
-        away, ranges = away[ranges < THINGS_M], ranges[ranges < THINGS_M]
-        norm = math.sqrt(math.fsum((ranges * ranges).tolist()))
-        things_x, things_y = _repulsion(away / max(norm, 1e-9), ranges, *THINGS)
-        return x + things_x, y + things_y
+def _push(
+    robot: Pose2D,
+    target: Agent,
+    humans: Sequence[Agent],
+    things: Sequence[tuple[float, float]],
+) -> tuple[float, float]:
+    """Return the repulsion [m/s²] by people and by clusters of the scan."""
+    away, ranges = _away(robot, [human[:2] for human in humans])
+    x, y = _repulsion(away / ranges[:, None], ranges, *PEOPLE_FORCE)
+    away, ranges = _away(robot, [at for at in things if math.dist(at, target[:2]) > TARGET_M])
+    norm = math.sqrt(math.fsum((ranges * ranges).tolist()))
+    things_x, things_y = _repulsion(away / max(norm, 1e-9), ranges, *THINGS_FORCE)
+    return x + things_x, y + things_y
 
 
 def _away(robot: Pose2D, places: Sequence[tuple[float, float]]) -> tuple[Floats, Floats]:
-    """Return the vectors from places to the robot (n, 2), and their lengths (n) [m]."""
+    """Return the vectors from near places to the robot (n, 2), and their lengths (n) [m]."""
     away = np.array(robot[:2]) - np.array(places).reshape(-1, 2)
-    return away, np.hypot(away[:, 0], away[:, 1])
+    ranges = np.hypot(away[:, 0], away[:, 1])
+    return away[ranges < SIGHT_M], ranges[ranges < SIGHT_M]
 
 
 def _repulsion(away: Floats, ranges: Floats, strength: float, reach: float) -> tuple[float, float]:
@@ -121,91 +144,11 @@ def _repulsion(away: Floats, ranges: Floats, strength: float, reach: float) -> t
     return math.fsum(forces[:, 0].tolist()), math.fsum(forces[:, 1].tolist())
 
 
-def unicycle(yaw: float, vx: float, vy: float) -> tuple[float, float]:
-    """Return speed and yaw rate that turn a unicycle into a velocity, without backing up."""
+def unicycle(yaw: float, vx: float, vy: float) -> Twist2D:
+    """Return the twist that turns a unicycle into a velocity, without backing up."""
     speed = math.hypot(vx, vy)
     if speed <= SLOW_M_S:
-        return 0.0, 0.0
+        return Twist2D()
     off = wrap(math.atan2(vy, vx) - yaw)
     turn = 0.0 if abs(off) < ALIGNED_RAD else max(-TURN_RAD_S, min(TURN_RAD_S, off / TURN_S))
-    return max(speed * math.cos(off), 0.0), turn
-
-
-def place(target: Seen, heading: float, robot: Pose2D, where: Place, distance: float) -> Pose2D:
-    """Return the goal pose of the robot for a target that walks in the direction `heading` [rad].
-
-    For "back", the goal is on the line from the target to the robot, at any bearing. For
-    "left_side", it is on the nearer side.
-    """
-    if where == "back":
-        bearing = math.atan2(target.y - robot.y, target.x - robot.x)
-        c, s = math.cos(bearing), math.sin(bearing)
-        return Pose2D(target.x - distance * c, target.y - distance * s, bearing)
-    x, y = -distance * math.sin(heading), distance * math.cos(heading)
-    sides = Pose2D(target.x + x, target.y + y, heading), Pose2D(target.x - x, target.y - y, heading)
-    return min(sides, key=robot.distance)
-
-
-class ConstantVelocity:
-    """Kalman filter of a position and velocity that are both measured.
-
-    The axes share one covariance (2, 2), since all their variances are equal.
-    """
-
-    def __init__(self, first: Seen) -> None:
-        self._state = np.array(first).reshape(2, 2)
-        self._covariance = INITIAL * np.eye(2)
-
-    def step(self, measured: Seen) -> Seen:
-        """Predict one step, and correct by a measurement; return the state `AHEAD_S` later."""
-        transition = np.array(((1.0, STEP_S), (0.0, 1.0)))
-        prior = product(product(transition, self._covariance), transition.T) + PROCESS * np.eye(2)
-        gain = product(prior, inverse(prior + MEASURED * np.eye(2)))
-        state = product(transition, self._state)
-        self._state = state + product(gain, np.array(measured).reshape(2, 2) - state)
-        self._covariance = MEASURED * gain  # (I - K) P = K R
-        (x, y), (vx, vy) = self._state.tolist()
-        return Seen(x + AHEAD_S * vx, y + AHEAD_S * vy, vx, vy)
-
-
-def points(view: View) -> Floats:
-    """Return the points that beams hit, in the world (n, 2) [m]."""
-    hit = view.ranges < RANGE - NOTHING_M
-    angles, ranges = ANGLES[hit] + view.robot.yaw, view.ranges[hit]
-    x, y = view.robot.x + ranges * np.cos(angles), view.robot.y + ranges * np.sin(angles)
-    return np.stack((x, y), axis=1)
-
-
-def clusters(places: Floats) -> list[Floats]:
-    """Return the groups of points (n, 2): DBSCAN, Ester et al., KDD 1996; noise is left out."""
-    dx = places[:, :1] - places[:, 0]
-    dy = places[:, 1:] - places[:, 1]
-    near = dx * dx + dy * dy <= REACH_M**2
-    core = near.sum(axis=1) >= LEAST
-    # a point at the border belongs to the first group that reaches it
-    count, labels = connected_components(near[np.ix_(core, core)], directed=False)
-    groups, free = [], np.ones(len(places), dtype=bool)
-    for label in range(count):
-        members = near[:, np.flatnonzero(core)[labels == label]].any(axis=1) & free
-        free &= ~members
-        groups.append(places[members])
-    return groups
-
-
-def center(places: Floats) -> tuple[float, float]:
-    """Return the center of the smallest rectangle around points (n, 2).
-
-    The rectangle shares a side with the convex hull of the points (Freeman & Shapira, 1975).
-    """
-    try:
-        hull = places[ConvexHull(places).vertices]
-    except QhullError:  # the points are on a line
-        x, y = ((places.min(axis=0) + places.max(axis=0)) / 2.0).tolist()
-        return x, y
-    sides = np.roll(hull, -1, axis=0) - hull
-    c, s = (sides / np.hypot(*sides.T)[:, None]).T[:, :, None]
-    along, across = c * hull[:, 0] + s * hull[:, 1], c * hull[:, 1] - s * hull[:, 0]
-    best = int((np.ptp(along, axis=1) * np.ptp(across, axis=1)).argmin())
-    u, v = ((values[best].max() + values[best].min()) / 2.0 for values in (along, across))
-    (cos,), (sin,) = c[best], s[best]
-    return float(cos * u - sin * v), float(sin * u + cos * v)
+    return Twist2D(max(speed * math.cos(off), 0.0), 0.0, turn)
