@@ -13,9 +13,9 @@ from mecazen.errors import ConfigError
 from mecazen_tools.statistics import LEAST_UNITS, Interval, mean_interval, show
 from rich.table import Table as RichTable
 from rich.text import Text
+from scipy.stats import binomtest, chi2
 
 from mecazen_experiments.frame import select
-from mecazen_experiments.statistics import most_per_hour, share_interval
 from mecazen_experiments.study import Column, Label, Study, StudyTable, check_known
 
 REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
@@ -153,6 +153,23 @@ def to_rich(table: TextTable) -> RichTable:
         # a label is never interpreted as markup
         shown.add_row(*(Text(cell.replace(" (", "\n(")) for cell in row))
     return shown
+
+
+def share_interval(successes: Sequence[bool]) -> Interval:
+    """Return the share of successes [%] with its exact interval (Clopper and Pearson 1934)."""
+    test = binomtest(sum(map(bool, successes)), len(successes))
+    limits = test.proportion_ci(0.95, method="exact")
+    mean, low, high = (100.0 * float(share) for share in (test.statistic, *limits))
+    return Interval(mean, low, high, test.n)
+
+
+def most_per_hour(events: float, hours: float) -> float:
+    """Return the upper limit of the rate of rare events, with 95 % confidence [1/h].
+
+    The limit is that of Garwood for the Poisson distribution (Biometrika 28, 1936): 3.0 / hours
+    without events.
+    """
+    return float(chi2.ppf(0.95, 2.0 * (events + 1.0))) / 2.0 / hours
 
 
 def _groups(

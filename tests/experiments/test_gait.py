@@ -5,8 +5,8 @@ import pytest
 from experiments.walks import RATE_HZ, person, reported
 from mecazen.config.people import Body, Limp
 from mecazen.skeleton import INDEX, JOINTS
-from mecazen_experiments.gait.cycle import regular
 from mecazen_experiments.gait.motion import about_path
+from mecazen_experiments.gait.refine import regular
 from mecazen_experiments.gait.stages import seen_stages
 from mecazen_experiments.gait.strides import (
     Events,

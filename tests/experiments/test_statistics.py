@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from mecazen_experiments.statistics import jackknife, most_per_hour, share_interval
+from mecazen_experiments.identify.models import jackknife
+from mecazen_experiments.tables import most_per_hour, share_interval
 from mecazen_tools.statistics import Interval, mean_interval, paired_difference
 
 

@@ -18,7 +18,6 @@ from mecazen_recorder.reader import Recording
 from mecazen_recorder.writer import RecordingError
 from mecazen_tools.table import Poses
 
-from mecazen_experiments.gait.cycle import cycle, regular, rhythm
 from mecazen_experiments.gait.motion import (
     LEGS,
     PATH_HZ,
@@ -28,7 +27,14 @@ from mecazen_experiments.gait.motion import (
     lowpass,
     motions,
 )
-from mecazen_experiments.gait.refine import refine, smooth, unswapped
+from mecazen_experiments.gait.refine import (
+    cycle,
+    refine,
+    regular,
+    rhythm,
+    smooth,
+    unswapped,
+)
 from mecazen_experiments.gait.strides import Events, Gait, planted, strides, summary, zeni
 
 WALKS_M_S = 0.25

@@ -52,7 +52,7 @@ def identify(
     # every start of `mecazen` imports this module
     from mecazen_tools import files  # noqa: PLC0415
 
-    from mecazen_experiments.identify import data, identification, report  # noqa: PLC0415
+    from mecazen_experiments.identify import data, identification  # noqa: PLC0415
     from mecazen_experiments.identify import validate as validation  # noqa: PLC0415
 
     base = load_table(given_file(robot, "robot"), Robot)
@@ -60,17 +60,17 @@ def identify(
     files.make_folder(out, "--out")
     if validate:
         result, changed, drifts = validation.validate(base, runs)
-        lines = [*report.validation_lines(result, drifts)]
+        lines = [*validation.validation_lines(result, drifts)]
         typer.echo("\n".join(lines))
     else:
         result = identification.identify(base, runs, logs)
         changed = validation.identified_robot(base, result, runs[0])
-        lines = [*report.identification_lines(result)]
-        gain = report.interval(result.parameters[-1]["lateral_gain"], ".4f")
+        lines = [*identification.identification_lines(result)]
+        gain = identification.interval(result.parameters[-1]["lateral_gain"], ".4f")
         typer.echo(f"lateral gain: {gain}, nearest to that of {result.rollers} rollers")
         for note in result.notes:
             typer.echo(note, err=True)
     name = "validation.md" if validate else "report.md"
     files.write(out / name, ("\n".join(lines) + "\n").encode(), "--out")
-    files.write(out / "robot.toml", report.robot_file(changed, result).encode(), "--out")
+    files.write(out / "robot.toml", identification.robot_file(changed, result).encode(), "--out")
     typer.echo(f"{out / name}\n{out / 'robot.toml'}")

@@ -1,12 +1,14 @@
-"""Identifies the kinematics of a robot, the offset of two clocks, and the motors."""
+"""Identifies kinematics, the offset of two clocks, and motors; writes report and robot file."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
+import tomli_w
 from mecazen.robot import Robot
 from mecazen.rollers import lateral_gain
 from mecazen_tools.statistics import Interval
@@ -144,3 +146,59 @@ def clock_offset(robot: Robot, runs: Sequence[Run]) -> Interval:
     bend = windows * (cost(best + step) + cost(best - step) - 2.0 * cost(best)) / step**2
     half = 1.96 / math.sqrt(bend) if bend > 0.0 else math.inf
     return Interval(best, best - half, best + half, windows)
+
+
+def robot_file(robot: Robot, result: Identification) -> str:
+    """Return an identified robot as a robot file."""
+    tables = {k: v for k, v in msgspec.to_builtins(robot).items() if v is not None}
+    return (
+        f"# Identified by `mecazen identify` from {result.runs} runs; all other values are those "
+        f"of {result.robot}.\n{tomli_w.dumps(tables)}"
+    )
+
+
+def identification_lines(result: Identification) -> Iterator[str]:
+    """Yield the report of an identification as Markdown."""
+    yield f"# Identification of {result.robot}\n"
+    yield (
+        f"{result.runs} runs of {result.sessions} sessions, {result.duration_s / 60.0:.0f} "
+        f"min. The reference's clock is {interval(result.offset_s, '.5g', 1e3)} ms ahead of the "
+        "wheels'.\n"
+    )
+    yield from (f"- {note}" for note in result.notes)
+    yield "\n## Kinematics\n"
+    yield from table_lines(
+        ("parameter, with the 95 % interval", *(fitted.model.name for fitted in result.fits)),
+        (
+            [name, *(_cell(parameters, name) for parameters in result.parameters)]
+            for name in result.parameters[-1]
+        ),
+    )
+    gains = ", ".join(f"{lateral_gain(count):.4f} (N = {count})" for count in ROLLER_COUNTS)
+    yield (
+        f"\nIntervals are over sessions, or over blocks of a single session. Wheels of N rollers "
+        f"have the lateral gain {gains}. Slip, or rollers that give way, would look like fewer "
+        "rollers."
+    )
+    if result.motors:
+        yield "\n## Motors\n"
+        yield from table_lines(
+            ("parameter", "value, 95 % interval by the curvature"),
+            ([name, interval(value, ".5g")] for name, value in result.motors.items()),
+        )
+
+
+def interval(value: Interval, form: str, scale: float = 1.0) -> str:
+    """Return a value with its interval, or with both values of two; a single one has none."""
+    mean, low, high = (f"{scale * each:{form}}" for each in (value.mean, *value.ends))
+    return mean if value.n == 1 else f"{mean} ({low}{', ' if value.n == 2 else ' to '}{high})"
+
+
+def _cell(parameters: Mapping[str, Interval], name: str) -> str:
+    return interval(parameters[name], ".5g") if name in parameters else ""
+
+
+def table_lines(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Yield the lines of a table in Markdown."""
+    for row in (header, ["---"] * len(header), *rows):
+        yield f"| {' | '.join(row)} |"

@@ -15,18 +15,18 @@ sessions, or over blocks of windows of a single session.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 from mecazen.robot import Robot
-from mecazen_tools.statistics import Interval
+from mecazen_tools.statistics import Interval, mean_interval
 from scipy.optimize import least_squares
 
 from mecazen_experiments.identify.data import Array
 from mecazen_experiments.identify.windows import Moments, gains, ideal_matrix, in_reference, total
-from mecazen_experiments.statistics import jackknife
 
 FRAME = ("misalignment_rad", "offset_x_m", "offset_y_m")
 """Mounting of the reference on the robot: its yaw, and its position in base_link."""
@@ -37,6 +37,7 @@ MAX_CORRELATION = 0.995
 VAGUE = 0.1
 """A parameter with a larger standard deviation [m, rad or 1] is not determined."""
 
+T = TypeVar("T")
 Unit = tuple[str, Moments]
 """Group and moments of an independent part of the data."""
 Noise = tuple[float, float]
@@ -162,6 +163,27 @@ def estimates(fitted: Fit, units: Sequence[Unit]) -> dict[str, Interval]:
         half = interval.high - interval.mean
         result[name] = Interval(value, value - half, value + half, interval.n)
     return result
+
+
+def jackknife(
+    statistics: Callable[[Sequence[T]], Sequence[float]], units: Sequence[T]
+) -> list[Interval]:
+    """Return statistics of all units together, each with its t interval over the units.
+
+    The values of the interval are Tukey's pseudo-values (Annals of Mathematical Statistics 29,
+    1958), which are the influence of each unit on a statistic; they are shifted so that their mean
+    is the statistic. With a single unit, an interval has no width. A statistic that is NaN without
+    one of the units has NaN as limits.
+    """
+    whole, n = np.asarray(statistics(units)), len(units)
+    if n == 1:
+        return [mean_interval([value]) for value in whole.tolist()]
+    without = np.array([statistics([*units[:i], *units[i + 1 :]]) for i in range(n)])
+    pseudo = whole + (n - 1) * (without.mean(axis=0) - without)
+    return [
+        Interval(value, math.nan, math.nan, n) if np.isnan(values).any() else mean_interval(values)
+        for value, values in zip(whole.tolist(), pseudo.T.tolist(), strict=True)
+    ]
 
 
 def _root(moments: Moments, noise: Noise) -> tuple[Array, Array]:

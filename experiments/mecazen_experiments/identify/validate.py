@@ -7,7 +7,7 @@ independence is a session: its runs share the floor, the mounting and the batter
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
 
@@ -23,7 +23,14 @@ from mecazen_tools.pool import CORES, processes
 from mecazen_tools.statistics import Interval
 
 from mecazen_experiments.identify.data import Array, Run
-from mecazen_experiments.identify.identification import Identification, identify, sessions
+from mecazen_experiments.identify.identification import (
+    Identification,
+    identify,
+    interval,
+    sessions,
+    table_lines,
+)
+from mecazen_experiments.identify.models import jackknife
 from mecazen_experiments.identify.motors import identified_motors
 from mecazen_experiments.identify.windows import (
     TURNS,
@@ -33,7 +40,6 @@ from mecazen_experiments.identify.windows import (
     mounted,
     odometry,
 )
-from mecazen_experiments.statistics import jackknife
 
 HORIZON_S = 10.0
 """Time after which drift is measured."""
@@ -162,3 +168,23 @@ def _drift(runs: Sequence[Run], poses: Sequence[Array], kind: str) -> list[Inter
         return np.percentile(np.concatenate(parts), [50.0, 95.0], axis=0).T.ravel().tolist()
 
     return jackknife(statistics, [np.concatenate(each) for each in by_session.values()])
+
+
+def validation_lines(
+    result: Identification, drifts: Mapping[tuple[str, str], Sequence[Interval]]
+) -> Iterator[str]:
+    """Yield the report of a validation as Markdown; `drifts` are those of `validate`."""
+    yield "# Validation\n"
+    yield (
+        f"Fitted on {result.sessions} sessions, validated on the others. "
+        f"Drift after {HORIZON_S:g} s: median (95 % interval over sessions; of two, half of their "
+        "difference on both sides), 95th percentile.\n"
+    )
+    yield from table_lines(
+        ("model", "path", "position [mm]", "yaw [mrad]"),
+        ([*names, _cell(*drift[:2]), _cell(*drift[2:])] for names, drift in drifts.items()),
+    )
+
+
+def _cell(median: Interval, p95: Interval) -> str:
+    return f"{interval(median, '.1f', 1e3)}, {1e3 * p95.mean:.1f}"
