@@ -227,7 +227,7 @@ def test_when_the_link_is_cut_the_robot_comes_to_rest_and_follows_when_it_is_bac
 
 
 def measure(hosts: Hosts, cut_s: float) -> str:
-    """Cut the link for some time; return a row of the cut and of the times until rest and motion."""
+    """Cut the link for some time; return a row of this time and those until rest and motion."""
     hosts.truth.wait(lambda odom: speed(odom) > 0.15)
     hosts.state.wait(lambda state: state["tracking"] == "following")
     hosts.link.is_cut = True
