@@ -52,7 +52,7 @@ def write_files(page, folder):
 # templates
 
 SHOWN = {
-    "my_follower.py": (README, QUICKSTART),
+    "my_follower.py": (QUICKSTART,),
     "my_sensor.py": (EXTEND,),
     "my_robot.toml": (EXTEND,),
     "my_study.toml": (EXPERIMENTS,),
