@@ -102,7 +102,7 @@ class Rollers(Section):
     """Coulomb coefficient of the roller's surface; the ground's own multiplies it."""
     hull_spheres: Annotated[int, msgspec.Meta(ge=3, le=101)] = 81
     """Number of spheres whose convex hull is a roller's collision shape; odd, so that one is in the
-    middle. With fewer spheres a coasting robot slows down more: docs/physics.md has their cost."""
+    middle. With fewer spheres a coasting robot slows down more."""
 
 
 class Attachment(Section):
