@@ -84,7 +84,7 @@ def random_errands(
     of obstacles, if there is room.
     """
     errands: list[Errand] = []
-    occupied = list(occupied)
+    occupied, shapes = list(occupied), forces.shapes_of(obstacles)
     for number in range(config.count):
         random = Generator(PCG64([seed, number]))
         speed = config.speed_m_s + SPEED_STD_M_S * float(random.standard_normal())
@@ -92,7 +92,7 @@ def random_errands(
             start, goal, share = _random_way(config, random)
             (x, y), (to_x, to_y) = start, goal
             place = x + share * (to_x - x), y + share * (to_y - y)
-            if _is_clear(place, occupied, obstacles):
+            if _is_clear(place, occupied, shapes):
                 break
         occupied.append(place)
         yaw = math.atan2(goal[1] - place[1], goal[0] - place[0])
@@ -118,13 +118,11 @@ def _random_way(
 
 
 def _is_clear(
-    place: tuple[float, float],
-    occupied: Sequence[tuple[float, float]],
-    obstacles: Sequence[Box | Cylinder],
+    place: tuple[float, float], occupied: Sequence[tuple[float, float]], shapes: Floats
 ) -> bool:
-    point = np.array([place])
-    return all(math.dist(place, neighbour) >= CLEAR_M for neighbour in occupied) and all(
-        forces.nearest(point, obstacle)[1][0] >= CLEAR_M for obstacle in obstacles
+    _, distances = forces.nearest(np.array([place]), shapes)
+    return bool((distances >= CLEAR_M).all()) and all(
+        math.dist(place, neighbour) >= CLEAR_M for neighbour in occupied
     )
 
 
@@ -148,8 +146,7 @@ class Pedestrians:
         seed: int,
     ) -> None:
         self._errands, self._radius = errands, radius
-        self.obstacles = obstacles
-        """The obstacles of the world, to which the walkers give way."""
+        self.surround(obstacles)
         self._places: Floats = np.array([errand.start[:2] for errand in errands]).reshape(-1, 2)
         self._velocities: Floats = np.zeros_like(self._places)
         self._fastest = np.array([forces.FASTEST * errand.speed for errand in errands])
@@ -158,6 +155,10 @@ class Pedestrians:
         self.motions = [PersonMotion(errand.start) for errand in errands]
         """Current motion of each walker."""
 
+    def surround(self, obstacles: Sequence[Box | Cylinder]) -> None:
+        """Give way to these obstacles of the world from now on."""
+        self._shapes = forces.shapes_of(obstacles)
+
     def step(self, time: float, dt: float, agents: Sequence[Agent]) -> None:
         """Advance the walkers by `dt` to `time` [s]; they give way to `agents`."""
         if not self._errands:
@@ -165,7 +166,7 @@ class Pedestrians:
         preferred = np.array([self._preferred(n, time) for n in range(len(self._errands))])
         force = (preferred - self._velocities) / forces.RELAXATION_S
         force += self._repulsion(preferred, agents)
-        force += forces.from_obstacles(self._places, self.obstacles)
+        force += forces.from_obstacles(self._places, self._shapes)
         chance = np.array([random.standard_normal(2) for random in self._random])
         force = forces.limited(force, forces.STRONGEST_M_S2) + forces.FLUCTUATION_M_S2 * chance
         self._velocities = forces.limited(self._velocities + force * dt, self._fastest)

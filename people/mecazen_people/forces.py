@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from mecazen.config.world import Box, Cylinder
-from mecazen.portable import Floats, exp, product
+from mecazen.portable import Floats, exp
 
 RELAXATION_S = 0.5
 """Helbing & Molnár's τ; the next five values are also theirs."""
@@ -24,6 +24,8 @@ STRIDE_S = 2.0
 OBSTACLE_M2_S2, OBSTACLE_M = 10.0, 0.2
 COS_VIEW, BEHIND = math.cos(math.radians(100.0)), 0.5
 """Cosine of half the field of view, and the weight of forces from behind."""
+REACH_M = 3.0
+"""Distance beyond which obstacles do not count: their force is below 2e-5 m/s² there."""
 FASTEST = 1.3
 """Maximum speed, as a multiple of the preferred speed."""
 CONTACT_M_S2, CONTACT_M = 25.0, 0.08
@@ -68,29 +70,45 @@ def repulsion(
     return forces
 
 
-def from_obstacles(places: Floats, obstacles: Sequence[Box | Cylinder]) -> Floats:
-    """Return accelerations (n, 2) away from the nearest point of each obstacle [m/s²]."""
-    force = np.zeros_like(places)
+def shapes_of(obstacles: Sequence[Box | Cylinder]) -> Floats:
+    """Return obstacles as rectangles with a rim (k, 7).
+
+    Each row is the centre, cosine and sine of the heading, half the length and width, and the rim.
+    """
+    rows = []
     for thing in obstacles:
-        away, distance = nearest(places, thing)
-        size = OBSTACLE_M2_S2 / OBSTACLE_M * exp(-np.maximum(distance, 0.0) / OBSTACLE_M)
-        force += size[:, None] * away
+        if isinstance(thing, Box):
+            yaw, (length, width, _) = math.radians(thing.yaw_deg), thing.size_m
+            shape = math.cos(yaw), math.sin(yaw), length / 2, width / 2, 0.0
+        else:
+            shape = 1.0, 0.0, 0.0, 0.0, thing.size_m[0]
+        rows.append((*thing.position_m, *shape))
+    return np.array(rows).reshape(-1, 7)
+
+
+def from_obstacles(places: Floats, shapes: Floats) -> Floats:
+    """Return accelerations (n, 2) away from the nearest point of each obstacle [m/s²].
+
+    Obstacles farther than `REACH_M` do not count.
+    """
+    reach = REACH_M + _length(shapes[:, 4:6]) + shapes[:, 6]
+    who, what = (_length(places[:, None] - shapes[:, :2]) < reach).nonzero()
+    away, distance = nearest(places[who], shapes[what])
+    size = OBSTACLE_M2_S2 / OBSTACLE_M * exp(-np.maximum(distance, 0.0) / OBSTACLE_M)
+    force = np.zeros_like(places)
+    np.add.at(force, who, size[:, None] * away)
     return force
 
 
-def nearest(places: Floats, thing: Box | Cylinder) -> tuple[Floats, Floats]:
-    """Return unit vectors (n, 2) away from an obstacle, and distances (n,) [m]; negative inside."""
-    apart = places - thing.position_m
-    if isinstance(thing, Cylinder):
-        distance = np.maximum(_length(apart), 1e-9)
-        gaps: Floats = distance - thing.size_m[0]
-        return apart / distance[:, None], gaps
-    yaw = math.radians(thing.yaw_deg)
-    c, s = math.cos(yaw), math.sin(yaw)
-    axes = np.array(((c, s), (-s, c)))
-    local = product(apart, axes.T)
-    half = np.array(thing.size_m[:2]) / 2
-    over = np.abs(local) - half
+def nearest(places: Floats, shapes: Floats) -> tuple[Floats, Floats]:
+    """Return unit vectors (n, 2) away from an obstacle each, and distances (n,) [m].
+
+    Distances inside are negative. A single place (1, 2) or shape (1, 7) is that of all.
+    """
+    x, y = (places - shapes[:, :2]).T
+    cos, sin = shapes[:, 2], shapes[:, 3]
+    local = np.column_stack((cos * x + sin * y, cos * y - sin * x))
+    over = np.abs(local) - shapes[:, 4:6]
     outside = np.maximum(over, 0.0)
     distance = _length(outside)
     inside = distance == 0.0
@@ -98,8 +116,9 @@ def nearest(places: Floats, thing: Box | Cylinder) -> tuple[Floats, Floats]:
     face = np.where(over == over.max(axis=1, keepdims=True), 1.0, 0.0)
     outward = np.sign(local) * np.where(inside[:, None], face, outside)
     outward /= np.maximum(_length(outward), 1e-9)[:, None]
-    turned = outward[:, :1] * axes[0] + outward[:, 1:] * axes[1]
-    return turned, np.where(inside, over.max(axis=1), distance)
+    ahead, aside = outward.T
+    turned = np.column_stack((cos * ahead - sin * aside, sin * ahead + cos * aside))
+    return turned, np.where(inside, over.max(axis=1), distance) - shapes[:, 6]
 
 
 def limited(vectors: Floats, longest: Floats | float) -> Floats:

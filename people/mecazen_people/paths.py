@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from operator import itemgetter
 
 import numpy as np
-from mecazen.arrays import between, to_rectangle
+import scipy  # its parts are loaded when they are used
 from mecazen.config import WorldConfig
 from mecazen.config import people as config
 from mecazen.config.world import Box
@@ -16,6 +16,7 @@ from mecazen.geometry import Pose2D, Twist2D, rotate
 
 from mecazen_people import wander
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
+from mecazen_people.forces import nearest, shapes_of
 from mecazen_people.motion import PersonMotion, PersonPath
 from mecazen_people.recorded import RecordedWalk, read_track
 
@@ -179,20 +180,20 @@ def check_path(path: PersonPath, world: WorldConfig, height: float, until: float
         times.append(t)
         places.append(pose[:2])
         t += min(LONGEST_STEP_S, STEP_M / max(math.hypot(twist.x, twist.y), 1e-6))
-    xy = np.array(places)
     crossings = []
-    for solid in solids:
-        x, y = solid.position_m
-        if isinstance(solid, Box):
-            ahead, beside = between(Pose2D(x, y, math.radians(solid.yaw_deg)), xy).T
-            half = solid.size_m[0] / 2, solid.size_m[1] / 2
-            kind, gaps = "box", to_rectangle(ahead, beside, half)
-        else:
-            kind, gaps = "cylinder", np.hypot(xy[:, 0] - x, xy[:, 1] - y) - solid.size_m[0]
-        if (gaps < 0.0).any():
-            crossings.append((times[int(np.argmax(gaps < 0.0))], kind, x, y))
+    if solids:
+        xy = np.array(places)
+        gaps, _ = scipy.spatial.KDTree(xy).query([solid.position_m for solid in solids])
+        # a map has thousands of boxes, most of them far away
+        reaches = [math.hypot(*solid.size_m[:2]) for solid in solids]
+        near = [solids[row] for row in np.flatnonzero(gaps < reaches)]
+        for solid, shape in zip(near, shapes_of(near), strict=True):
+            _, distances = nearest(xy, shape[None])
+            if (distances < 0.0).any():
+                crossings.append((times[int(np.argmax(distances < 0.0))], solid))
     if crossings:
-        t, kind, x, y = min(crossings, key=itemgetter(0))
+        t, solid = min(crossings, key=itemgetter(0))
+        kind, (x, y) = "box" if isinstance(solid, Box) else "cylinder", solid.position_m
         raise ConfigError(f"crosses the {kind} at [{x:g}, {y:g}] after {t:.1f} s; move one of them")
 
 

@@ -164,12 +164,12 @@ def test_nobody_repels_themselves():
     ],
 )
 def test_the_nearest_point_of_an_obstacle(thing, place, away, distance):
-    way, gap = forces.nearest(np.array([place]), thing)
+    way, gap = forces.nearest(np.array([place]), forces.shapes_of([thing]))
     assert way[0] == pytest.approx(away)
     assert gap[0] == pytest.approx(distance)
 
 
 def test_an_obstacle_repels_by_its_potential():
     wall = Box(size_m=(10.0, 1.0, 2.0), position_m=(0.0, 1.5))
-    force = forces.from_obstacles(HERE, [wall])
+    force = forces.from_obstacles(HERE, forces.shapes_of([wall]))
     assert force[0] == pytest.approx((0.0, -50.0 * math.exp(-1.0 / 0.2)))

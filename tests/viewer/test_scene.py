@@ -242,7 +242,7 @@ def test_ramps_rails_and_patches_are_in_the_scene(tmp_path):
     assert corners.max(axis=0) == pytest.approx((3.4, 1.5, 0.08), abs=1e-6)
     (outline,) = content.last(f"{layout.PATCHES}/0", STRIPS)
     assert np.ptp(outline[:, :2], axis=0) == pytest.approx((2.0, 1.0))
-    assert f"{layout.OBSTACLES}/1" in content.paths  # the ramp's rails
+    assert len(content.last(f"{layout.OBSTACLES}/boxes", "Boxes3D:centers")) == 2  # rails
 
 
 def test_the_cameras_view_is_drawn_where_the_scenario_has_a_camera(tmp_path):

@@ -70,7 +70,7 @@ class CrowdNode(Node):
         """Let walkers give way to the obstacles of the changed world."""
         super().configure(scenario)
         if self.pedestrians is not None:
-            self.pedestrians.obstacles = scenario.world.solids
+            self.pedestrians.surround(scenario.world.solids)
 
     def reset(self, seed: int) -> None:
         """Begin a run, with walkers drawn from `seed`."""

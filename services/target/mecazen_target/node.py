@@ -57,7 +57,7 @@ class TargetNode(Node):
         """Give way to the obstacles of the changed world from now on."""
         super().configure(scenario)
         if self.pedestrian is not None:
-            self.pedestrian.obstacles = scenario.world.solids
+            self.pedestrian.surround(scenario.world.solids)
 
     def reset(self, seed: int) -> None:
         """Place the person at the start, with noise from `seed`."""

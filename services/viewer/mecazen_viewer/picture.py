@@ -201,7 +201,7 @@ class Picture:
             self._log(f"{layout.ADDED}/{name}", rr.Clear(recursive=False))
         for name, solid in added.items():
             if self._added.get(name) != solid:
-                self._log(f"{layout.ADDED}/{name}", scene.obstacle(solid))
+                self._log(f"{layout.ADDED}/{name}", scene.obstacles([solid]))
         self._added = added
 
     def on_people(self, people: m.People, time_ns: int) -> None:

@@ -6,7 +6,7 @@ Shapes are logged once, below a moving frame: logging a frame costs a tenth of l
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -61,8 +61,12 @@ MIN_RATIO = 1e-14
 def surroundings(scenario: Scenario) -> Iterator[Entity]:
     """Return the static entities that all robots share."""
     yield layout.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP
-    for number, solid in enumerate(replace(scenario.world, added={}).solids):
-        yield f"{layout.OBSTACLES}/{number}", obstacle(solid)
+    solids = replace(scenario.world, added={}).solids
+    # all boxes in one entity: a map has thousands
+    if boxes := [solid for solid in solids if isinstance(solid, Box)]:
+        yield f"{layout.OBSTACLES}/boxes", obstacles(boxes)
+    if cylinders := [solid for solid in solids if isinstance(solid, Cylinder)]:
+        yield f"{layout.OBSTACLES}/cylinders", obstacles(cylinders)
     for number, ridge in enumerate(scenario.world.ridges):
         yield f"{layout.RIDGES}/{number}", _ridge(ridge)
     for number, patch in enumerate(scenario.world.patches):
@@ -184,16 +188,18 @@ def ground(centre: tuple[int, int]) -> rr.LineStrips3D:
     return rr.LineStrips3D(strips, colors=colours, radii=GRID_RADIUS)
 
 
-def obstacle(solid: Box | Cylinder) -> rr.AsComponents:
-    """Return the shape of an obstacle."""
+def obstacles(solids: Sequence[Box | Cylinder]) -> rr.AsComponents:
+    """Return the shapes of obstacles of one kind."""
     style: dict[str, Any] = {"colors": [OBSTACLE_COLOUR], "fill_mode": "solid"}
-    style["centers"] = [(*solid.position_m, solid.bottom_m + solid.size_m[-1] / 2)]
-    if isinstance(solid, Cylinder):
-        radius, height = solid.size_m
-        return rr.Cylinders3D(radii=[radius], lengths=[height], **style)
-    yaw = math.radians(solid.yaw_deg)
-    turns = [rr.RotationAxisAngle(axis=(0.0, 0.0, 1.0), radians=yaw)]
-    return rr.Boxes3D(sizes=[solid.size_m], rotation_axis_angles=turns, **style)
+    style["centers"] = [
+        (*solid.position_m, solid.bottom_m + solid.size_m[-1] / 2) for solid in solids
+    ]
+    sizes = np.array([solid.size_m for solid in solids])
+    yaws = [math.radians(solid.yaw_deg) for solid in solids if isinstance(solid, Box)]
+    if not yaws:
+        return rr.Cylinders3D(radii=sizes[:, 0], lengths=sizes[:, 1], **style)
+    turns = [rr.RotationAxisAngle(axis=(0.0, 0.0, 1.0), radians=yaw) for yaw in yaws]
+    return rr.Boxes3D(sizes=sizes, rotation_axis_angles=turns, **style)
 
 
 def _ridge(ridge: Ridge) -> rr.Mesh3D:
