@@ -102,6 +102,21 @@ def test_people_are_added_with_their_own_time_and_change_no_walker():
     assert ways[1] == before[1]
 
 
+def test_recorded_people_are_there_while_they_walk(tmp_path):
+    (tmp_path / "walk.csv").write_text("t_s,x_m,y_m\n0,0,0\n1,1,0\n2,2,0\n")
+    path = f"{{ kind = 'recorded', file = '{tmp_path}/walk.csv', start_after_s = 1.0, x_m = 3.0 }}"
+    walker = f"crowd.walkers=[{{ enters_and_leaves = true, path = {path} }}]"
+    crowd = Crowd("senses", walker)
+    frames = [(tick, crowd.tick(tick).persons[1:]) for tick in range(0, 400, 2)]
+    present = {tick: persons[0] for tick, persons in frames if persons}
+    assert list(present) == [*range(100, 300, 2)]  # of 10 ms
+    assert present[200].pose.position.x == pytest.approx(4.0)
+    assert all(person.id == "walker_1" for person in present.values())
+    reacting = WALKERS.replace("[{", "[{ enters_and_leaves = true,")
+    problem = error_of(ConfigError, lambda: Crowd("back", reacting))
+    assert "enters_and_leaves: the path must be recorded" in problem
+
+
 def test_of_several_robots_all_and_their_persons_are_told_of():
     frame = Crowd("convoy", "sensor.kind=fused").tick(0)
     assert [one.id for one in frame.persons] == ["one", "two"]

@@ -222,6 +222,12 @@ class Walker(Section, kw_only=True):
     """Only a `goal` path gives way to others."""
     body: Body = Body()
     """A child of 6 has a `height_m` of about 1.15."""
+    enters_and_leaves: bool = False
+    """Whether the person is absent before and after a recorded walk."""
+
+    def __post_init__(self) -> None:
+        if self.enters_and_leaves and not isinstance(self.path, Recorded):
+            raise ValueError("enters_and_leaves: the path must be recorded")
 
 
 class Passerby(Section, tag_field="kind", tag="person"):

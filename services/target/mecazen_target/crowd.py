@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from mecazen import messages as m
 from mecazen.config import Scenario
-from mecazen.config.people import Body, Goal, Passerby, Walker
+from mecazen.config.people import Body, Goal, Passerby, Recorded, Walker
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
@@ -44,6 +44,12 @@ class CrowdNode(Node):
         if any(name.startswith("walker_") for name in scenario.names):
             raise ConfigError("robots: names that begin with walker_ are those of the crowd")
         self.paths = [_path(scenario, n, walker) for n, walker in enumerate(config.walkers)]
+        self.stays = {
+            number: (walker.path.start_after_s, path.duration)
+            for number, (walker, path) in enumerate(zip(config.walkers, self.paths, strict=True))
+            if walker.enters_and_leaves and isinstance(walker.path, Recorded) and path is not None
+        }
+        """When walkers who enter and leave are present: from and to [s], by number."""
         self.errands = [errand_of(w.path) for w in config.walkers if isinstance(w.path, Goal)]
         bodies = [walker.body for walker in config.walkers]
         if config.reactive is not None:
@@ -80,6 +86,8 @@ class CrowdNode(Node):
         self.targets: dict[str, m.Odometry] = {}
         self.skeletons: dict[str, m.Skeleton] = {}
         self.pedestrians: Pedestrians | None = None
+        self.motions: dict[int, PersonMotion] = {}
+        """The last motions of the walkers who are present, by number."""
         self.added: dict[str, AddedPerson] = {}
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
@@ -97,9 +105,12 @@ class CrowdNode(Node):
         steps = min(missed // self.period, MISSED_AT_MOST)
         gap_s = None if is_first else missed * self.scenario.sim.tick_s
         added = list(self._passersby(tick.time_ns / 1e9, gap_s))
-        motions = self._walk(tick.time_ns / 1e9, steps, added)
+        before, self.motions = self.motions, self._walk(tick.time_ns / 1e9, steps, added)
         persons = [self._target(name) for name in self.targets]
-        persons += [self._walker(n, motion, gap_s) for n, motion in enumerate(motions)]
+        persons += [
+            self._walker(number, motion, gap_s if number in before else None)
+            for number, motion in self.motions.items()
+        ]
         persons += added
         robots = [
             m.NamedPose(name or "robot", m.Pose.planar(odometry.pose.pose.to_planar()))
@@ -124,10 +135,17 @@ class CrowdNode(Node):
             pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
             yield m.Person(name, pose, twist, config.height_m, joints)
 
-    def _walk(self, time: float, steps: int, added: Sequence[m.Person]) -> list[PersonMotion]:
-        """Return the walkers' motions at a time [s], a number of steps after the last one."""
-        on_paths = [None if path is None else path.at(time) for path in self.paths]
-        agents = [agent_at(*motion[:2], self.radius) for motion in on_paths if motion is not None]
+    def _walk(self, time: float, steps: int, added: Sequence[m.Person]) -> dict[int, PersonMotion]:
+        """Return the motions of walkers who are present at a time [s], by number.
+
+        The time is a number of steps after the last one.
+        """
+        motions = {
+            number: path.at(time)
+            for number, path in enumerate(self.paths)
+            if path is not None and self._is_present(number, time)
+        }
+        agents = [agent_at(*motion[:2], self.radius) for motion in motions.values()]
         agents += [agent_at(*_planar(person), self.radius) for person in self.targets.values()]
         agents += [
             agent_at(person.pose.to_planar(), person.twist.to_planar(), self.radius)
@@ -144,8 +162,13 @@ class CrowdNode(Node):
             self.pedestrians = Pedestrians(errands, obstacles, self.radius, self.seed)
         for _ in range(steps):
             self.pedestrians.step(time, self.period * self.scenario.sim.tick_s, agents)
-        reacting = iter(self.pedestrians.motions)
-        return [next(reacting) if motion is None else motion for motion in on_paths]
+        reacting = [number for number, path in enumerate(self.paths) if path is None]
+        motions |= zip(reacting, self.pedestrians.motions, strict=True)
+        return dict(sorted(motions.items()))
+
+    def _is_present(self, number: int, time: float) -> bool:
+        begin, end = self.stays.get(number, (0.0, math.inf))
+        return begin <= time < end
 
     def _target(self, name: str) -> m.Person:
         """Return the person whom a robot follows."""
@@ -154,7 +177,7 @@ class CrowdNode(Node):
         return m.Person(name or "target", pose, twist, skeleton.height, skeleton.joints)
 
     def _walker(self, number: int, motion: PersonMotion, gap_s: float | None) -> m.Person:
-        """Return a walker, `gap_s` [s] after the last sample; None in the first one of a run."""
+        """Return a walker, `gap_s` [s] after their last sample; None in the first one."""
         joints = _joints(self.bodies[number], motion, gap_s, self.seed, number)
         pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
         return m.Person(f"walker_{number + 1}", pose, twist, self.heights[number], joints)
