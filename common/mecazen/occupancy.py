@@ -59,6 +59,8 @@ def read_map(path: Path) -> list[dict[str, Any]]:
         raise ConfigError(f"{path}: origin: got {settings.origin}; allowed: finite numbers")
     image = path.parent / settings.image
     cells = _occupied(image, settings)
+    if cells.all():
+        raise ConfigError(f"{image}: no cell is free; check negate and occupied_thresh in {path}")
     try:
         rectangles = _rectangles(cells)
     except OverflowError:

@@ -190,6 +190,7 @@ def test_transparent_cells_are_unknown_and_16_bits_are_read(tmp_path):
         (ASCII, {"resolution": 0.0}, "map.yaml: Expected `float` >= 0.001 - at `$.resolution`"),
         (ASCII, {"origin": "[0, .nan, 0]"}, "map.yaml: origin: got (0.0, nan, 0.0); allowed: fi"),
         (ASCII, {"mode": "grey"}, "map.yaml: Invalid enum value 'grey' - at `$.mode`"),
+        (b"P5 2 1 255\n\0\0", {}, "map.pgm: no cell is free; check negate and occupied_thresh in"),
         (ASCII, {"image": "none.pgm"}, "none.pgm: can't be read: No such file"),
     ],
 )
