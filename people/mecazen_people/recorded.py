@@ -155,7 +155,7 @@ def _rows(reader: csv.DictReader[str]) -> Iterator[list[float]]:
     last = -math.inf
     for number, cells in enumerate(reader, start=1):
         line = f"line {reader.line_num}"
-        row = [_number(line, name, cells[name]) for name in COLUMNS]
+        row = [number_in(line, name, cells[name]) for name in COLUMNS]
         if row[0] - last < MIN_STEP_S:
             raise ConfigError(
                 f"{line}: t_s must grow by at least {MIN_STEP_S} s, {row[0]:g} follows {last:g}"
@@ -166,7 +166,8 @@ def _rows(reader: csv.DictReader[str]) -> Iterator[list[float]]:
         yield row
 
 
-def _number(line: str, name: str, text: str | None) -> float:
+def number_in(line: str, name: str, text: str | None) -> float:
+    """Return the number in a cell of a file; the error begins with `line` and names the cell."""
     try:
         value = float(text or "")
     except ValueError:

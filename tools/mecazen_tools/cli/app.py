@@ -37,6 +37,7 @@ EXTRAS = {
         "plot": "mecazen_tools.cli.recording:plot",
     },
     "robots": {"robot": "mecazen_tools.cli.robot:app"},
+    "target": {"people": "mecazen_tools.cli.people:app"},
     "viewer": {"view": "mecazen_tools.cli.view:view"},
     "studies": {
         "experiment": "mecazen_experiments.cli:app",

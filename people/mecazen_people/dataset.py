@@ -1,0 +1,95 @@
+"""Recordings of several people: a track for each."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from statistics import median, mode
+
+import numpy as np
+from mecazen.config.people import FASTEST_M_S
+from mecazen.errors import ConfigError
+from mecazen.files import read_text
+from mecazen.portable import Floats
+from mecazen.text import printable
+
+from mecazen_people.recorded import MIN_STEP_S, number_in
+
+COLUMNS = ("t_s", "time", "frame"), ("id",), ("x_m", "x"), ("y_m", "y")
+"""Names of the columns of time, person, x and y."""
+HEADERS = {4: "frame id x y", 8: "frame id x z y v_x v_z v_y"}
+"""Columns of text without a header, by their number: 4 in datasets for the prediction of
+trajectories, 8 in `obsmat.txt` of ETH Walking Pedestrians, whose z is up."""
+FIRST_LINE = (
+    "must name the columns id, time, x and y, or have the 4 numbers frame, id, x, y "
+    "or the 8 of obsmat.txt"
+)
+
+
+def read_people(file: Path, sample_s: float) -> dict[str, Floats]:
+    """Read the tracks (n, 3) of all people by id: time [s], x and y [m] of each sample.
+
+    People with a single sample are left out.
+
+    Args:
+        file: CSV with a header, or text with the columns of `HEADERS`.
+        sample_s: Time between annotated frames [s], for a file with frames in place of times.
+
+    Raises:
+        ConfigError: One line with the file, the line and what is allowed.
+    """
+    try:
+        people, has_frames = _read(read_text(file))
+    except ConfigError as error:
+        raise ConfigError(printable(f"{file}: {error}")) from None
+    tracks = {person: np.array(samples) for person, samples in people.items() if len(samples) > 1}
+    if not tracks:
+        raise ConfigError(f"{file}: no person has two samples")
+    if has_frames:
+        frames = np.unique(np.concatenate([track[:, 0] for track in tracks.values()]))
+        scale = sample_s / mode(np.diff(frames).tolist())
+        tracks = {person: track * (scale, 1.0, 1.0) for person, track in tracks.items()}
+    speed = median(walked_m(track) / float(np.ptp(track[:, 0])) for track in tracks.values())
+    if speed > FASTEST_M_S:
+        raise ConfigError(f"{file}: people move at {speed:.0f} m/s; x and y must be in metres")
+    return tracks
+
+
+def walked_m(track: Floats) -> float:
+    """Return the length of a track (n, 3) of time, x and y [m]."""
+    return float(np.hypot(*np.diff(track[:, 1:], axis=0).T).sum())
+
+
+def _read(text: str) -> tuple[dict[str, list[list[float]]], bool]:
+    """Return the samples (time, x, y) of each person, and whether the times are frames."""
+    people: dict[str, list[list[float]]] = {}
+    names: list[str] = []
+    has_header = False
+    for number, row in enumerate(text.splitlines(), start=1):
+        line, cells = f"line {number}", re.split(r"\s*[,;]\s*|\s+", row.strip())
+        if cells == [""]:
+            continue
+        if not names:
+            has_header = not re.match(r"[-+.]?\d", cells[0])
+            names = cells if has_header else HEADERS.get(len(cells), "").split()
+            columns = [name for known in COLUMNS for name in known if name in names]
+            if len(columns) != len(COLUMNS):
+                raise ConfigError(f"{line}: {FIRST_LINE}; is {row.strip()!r}")
+            if has_header:
+                continue
+        if len(cells) != len(names):
+            raise ConfigError(f"{line}: must have {len(names)} columns, has {len(cells)}")
+        time, person, x, y = columns
+        cell = dict(zip(names, cells, strict=True))
+        name = cell[person] if has_header else f"{number_in(line, person, cell[person]):.0f}"
+        if not re.fullmatch(r"[\w.-]+", name):
+            raise ConfigError(f"{line}: id must be of letters, digits, _, . and -, is {name!r}")
+        samples = people.setdefault(name, [])
+        sample = [number_in(line, column, cell[column]) for column in (time, x, y)]
+        if samples and sample[0] - samples[-1][0] < MIN_STEP_S:
+            raise ConfigError(
+                f"{line}: {time} of person {name} must increase; "
+                f"{sample[0]:g} follows {samples[-1][0]:g}"
+            )
+        samples.append(sample)
+    return people, "frame" in names
