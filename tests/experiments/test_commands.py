@@ -208,14 +208,6 @@ def test_a_wrong_option_is_one_line(inside, arguments, line):
     assert line in error_of(MecazenError, lambda: experiment(*arguments))
 
 
-def test_a_run_that_fails_is_one_line_with_case_and_seed(inside, capsys):
-    inside.write("broken.py", "A = 1")
-    program = f'programs.follower="{inside.path}/broken.py:A"'
-    with pytest.raises(MecazenError, match=r"^short, seed 1: .*broken\.py:A: not a subclass"):
-        experiment("run", "study.toml", "--seeds", 1, "--jobs", 1, "--set", program)
-    assert capsys.readouterr().out == ""
-
-
 def test_without_dask_the_cluster_names_what_to_install(inside, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MecazenError, match=r"--cluster needs Dask: .*\[cluster\]"):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from experiments.made_up import BACK, TICK_S, beside, covariances, line, run, twist
 from harness import SCENARIOS
-from mecazen.geometry import Standoff
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.scores import SETTLING_S, nees, score
 from mecazen_tools.simulate import simulate
@@ -52,17 +51,6 @@ def test_a_robot_that_lags_on_a_circle_is_off_by_the_chord():
     turn = 2.0 * math.sin(rate * TICK_S / 2) / TICK_S
     assert scores["acceleration_rms_m_s2"] == pytest.approx(radius * rate * turn)
     assert scores["jerk_rms_m_s3"] == pytest.approx(radius * rate * turn**2)
-
-
-def test_facing_the_wrong_side_counts_as_an_error():
-    person, side_left = line(10, yaw=2.5), Standoff(1.0, math.pi / 2, -math.pi / 2)
-    right, away = (
-        score(run(10, target=person, robot=beside(person, 1.0, 90.0, heading)), side_left)
-        for heading in (-90.0, 90.0)
-    )
-    assert right["theta_err_deg"] == pytest.approx(0.0, abs=1e-9)
-    assert right["goal_err_m"] == pytest.approx(0.0, abs=1e-9)
-    assert away["theta_err_deg"] == pytest.approx(180.0)
 
 
 def test_the_measures_begin_with_the_first_motion_and_settle_5_s_later():

@@ -9,10 +9,6 @@ from mecazen_experiments.tables import most_per_hour, share_interval
 from mecazen_tools.statistics import Interval, mean_interval, paired_difference
 
 
-def normal(seed, n=30, mean=2.0, deviation=1.0):
-    return np.random.default_rng(seed).normal(mean, deviation, n).tolist()
-
-
 def test_an_interval_of_equal_values_has_no_width_and_of_none_is_an_error():
     assert mean_interval([0.1] * 30) == Interval(mean=0.1, low=0.1, high=0.1, n=30)
     with pytest.raises(ValueError, match="no values"):
