@@ -16,10 +16,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from mecazen.config import SensorConfig
+from mecazen.config.follower import Params
 from mecazen.config.people import Wander
 from mecazen.errors import ConfigError
+from mecazen.geometry import Pose2D, Twist2D, rotate
+from mecazen.keys import (
+    CMD_VEL,
+    FOLLOWER_STATE,
+    GROUND_TRUTH,
+    OBSERVATION,
+    ODOM,
+    SCAN,
+    TARGET_ODOM,
+    Topic,
+)
 from mecazen.loading import load_scenario
+from mecazen.messages import Observation
+from mecazen.node import Inputs
 from mecazen.portable import Floats
+from mecazen.row import Row, due, every
+from mecazen.wire import NS_PER_S
+from mecazen_follower.association import Measurement
+from mecazen_follower.estimators import Array, Estimate, Estimator
+from mecazen_follower.node import FollowerNode
+from mecazen_follower.tracker import Frame
 from mecazen_people.paths import make_path
 from mecazen_people.wander import DIFFUSION, RELAXATION_1_S, Kind, segments, walker
 from mecazen_tools.observe import observe
@@ -42,9 +62,11 @@ KNOWN, UNKNOWN = 1e-8, 1e6
 """Variances: of a target that does not vary, such as that of who stands, and of the start at rest;
 of the pose before the first frame."""
 
-ORACLE = {"programs.follower": "mecazen_experiments.oracle:OracleFollower"}
+ORACLE = {"programs.follower": "mecazen_experiments.limit:OracleFollower"}
 MEAN_OF_ABS, MEAN_OF_LENGTH = math.sqrt(2.0 / math.pi), math.sqrt(math.pi / 2.0)
 """Means of |e| and, in the plane, of the length of errors that are normal with deviation 1."""
+CERTAIN = (1e-12, 0.0, 0.0), (0.0, 1e-12, 0.0), (0.0, 0.0, 1e-12)
+"""Covariance of the known person; not 0, which would mean unknown."""
 SLOW_M_S, FAST_M_S = 0.3, 0.6
 """Mean speeds of a run that divide the classes of speed."""
 
@@ -150,3 +172,52 @@ def target_covariances(number: int) -> dict[Kind, Floats]:
     for _, segment in zip(range(MOMENTS_OF), drawn_segments, strict=False):
         drawn[segment.kind].append(segment.targets)
     return {kind: np.cov(np.array(rows).T) + KNOWN * np.eye(3) for kind, rows in drawn.items()}
+
+
+class Truth(Estimator):
+    """The true person in place of an estimate."""
+
+    predicts = False
+    estimate: Estimate | None = None
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self.estimate = None
+
+    def predict(self, dt: float) -> None:
+        """Do nothing: the estimate is set."""
+
+    def _observe(self, observation: Pose2D, noise: Array) -> None:
+        """Ignore the observation: the truth is known."""
+
+
+class OracleFollower(FollowerNode):
+    """Our follower with the true person instead of an estimate.
+
+    The person's true pose relative to the true robot is transformed to odom with the odometry, like
+    an observation.
+    """
+
+    ROW = Row(
+        "follower",
+        inputs=(every(ODOM), every(GROUND_TRUTH), every(TARGET_ODOM), due(SCAN)),
+        outputs=(FOLLOWER_STATE, CMD_VEL),
+    )
+
+    def reset(self, seed: int) -> None:
+        """Begin a run."""
+        super().reset(seed)
+        self._truth = Truth(Params())
+        self.following.people.estimator = self._truth
+
+    def _frame(self, now_ns: int, inputs: Inputs, topic: Topic[Observation]) -> Frame | None:
+        if topic is not OBSERVATION:
+            return None
+        odom, robot, person = (
+            inputs[topic].pose.pose.to_planar() for topic in (ODOM, GROUND_TRUTH, TARGET_ODOM)
+        )
+        seen = odom.compose(robot.between(person))
+        twist = inputs[TARGET_ODOM].twist.twist.to_planar()
+        velocity = Twist2D(*rotate(twist.x, twist.y, seen.yaw), twist.yaw)
+        self._truth.estimate = Estimate(seen, velocity, CERTAIN)
+        return Frame(now_ns / NS_PER_S, [Measurement(seen, CERTAIN)])
