@@ -110,8 +110,8 @@ def expand(
     code = version(PROGRAMS[study.program])
     jobs: list[Job] = []
     for case, values, labels in _chosen(rows, only):
-        chosen = (study.grid[axis][values[axis]] for axis in study.grid)
-        base = tuple(study.all_of(study.settings, *chosen, case.settings))
+        chosen = (setting for axis in study.grid for setting in study.grid[axis][values[axis]])
+        base = (*study.settings, *chosen, *case.settings)
         overrides = (*(f"{key}={values[key]}" for key in swept), *settings)
         place = _place(case, base, overrides)
         words = (f"{key}={value}" if key in swept else value for key, value in values.items())

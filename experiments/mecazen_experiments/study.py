@@ -23,7 +23,7 @@ Seed = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 Runs = Annotated[int, msgspec.Meta(ge=1, le=1_000_000)]
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Settings = tuple[str, ...]
-"""Overrides `key=value`, as in `--set`; an entry without `=` is the name of named settings."""
+"""Overrides `key=value`, as in `--set`."""
 Label = bool | int | float | str
 How = Literal["mean", "share", "sum", "min", "max", "value", "difference", "ratio", "most_per_hour"]
 """The way in which a column of a table summarises the runs of a row."""
@@ -145,8 +145,6 @@ class Study(Section):
     """The scenario of cases that name none."""
     settings: Settings = msgspec.field(name="set", default=())
     """Settings of all cases."""
-    named: dict[Name, Settings] = msgspec.field(default_factory=dict)
-    """Settings that `set` and `grid` may use by their name."""
     grid: dict[Name, Annotated[dict[Name, Settings], msgspec.Meta(min_length=1)]] = msgspec.field(
         default_factory=dict
     )
@@ -176,23 +174,11 @@ class Study(Section):
                 check_known(axis, self.grid, f"{where}: no axis")
                 for name in names:
                     check_known(name, self.grid[axis], f"{where}.{axis}: no choice")
-        every = [self.settings, *(case.settings for case in self.cases), *self.named.values()]
-        every += [settings for axis in self.grid.values() for settings in axis.values()]
-        for setting in (setting for settings in every for setting in settings):
-            if "=" not in setting:
-                check_known(setting, self.named, "set: no '=' and no named settings")
 
     @property
     def label_names(self) -> list[str]:
         """The columns of the frame that are the labels of cases."""
         return list(dict.fromkeys(name for case in self.cases for name in case.labels))
-
-    def all_of(self, *settings: Settings) -> list[str]:
-        """Return the overrides of settings in a row, with named ones in full."""
-        full = []
-        for setting in (setting for part in settings for setting in part):
-            full += self.all_of(self.named[setting]) if "=" not in setting else [setting]
-        return full
 
 
 def load_study(name: str) -> Study:

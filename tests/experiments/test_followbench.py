@@ -90,7 +90,6 @@ def test_without_a_free_path_a_person_walks_straight_on(tmp_path):
         ("state: [8.0, 5.0, 0]", "state: [8.0, inf, 0]", r"target\[0\]\.state\[1\]: Expected"),
         ("goal: [38.5, 5.0, 0.0]", "goal: [a, b, c]", r"target\[0\]: goal: Expected `float`"),
         ("goal: [38.5, 5.0, 0.0]", "goal: [[[8, 5, 0]]]", r"goal: must have a state after"),
-        ("{name: rectangle, length: 0.7,", "{name: rectangle, length: 0.8,", r"0\.70 x 0\.55 m"),
         ("{name: rectangle, length: 40.0", "{name: circle, length: 40.0", r"obstacle\[0\]\.shape"),
         ("world:", "world: [", r"not YAML: line \d+"),
         ("world:", "w\0rld:", r"not YAML"),

@@ -11,10 +11,7 @@ from mecazen_experiments.study import load_study
 
 STUDY = """
 seeds = 2
-set = ["short", "start={ x_m = $x_m, y_m = $y_m, yaw_deg = $yaw_deg }"]
-
-[named]
-short = ["sim.duration_s=2.0"]
+set = ["sim.duration_s=2.0", "start={ x_m = $x_m, y_m = $y_m, yaw_deg = $yaw_deg }"]
 
 [[cases]]
 name = "slow"
@@ -105,7 +102,7 @@ WRONG = [
     ('scenario = "back"', 'scenario = "bcak"', "bcak: no such scenario; did you mean back?"),
     ("seeds = 2", "seeds = 0", "seeds: got 0; allowed: a whole number >= 1"),
     ("seeds = 2", "seed = 2", "seed: unknown key; did you mean seeds?"),
-    ('["short", ', '["shrot", ', "no named settings 'shrot'; did you mean short?"),
+    ('["sim.duration_s=2.0", ', '["short", ', "--set short: must be key.path=value"),
     ('["left"] }', '["lfet"] }', "case 'drawn': only.view: no choice 'lfet'; did you mean left?"),
     ("only = { view", "only = { veiw", "only: no axis 'veiw'; did you mean view?"),
     ('name = "drawn"', 'name = "slow"', "cases: two are named 'slow'"),

@@ -30,8 +30,6 @@ STEP_S = 0.1
 """Duration of a step."""
 DISTANCE_M = 1.5
 """Distance that the robot shall keep from the target."""
-ROBOT_M = (0.70, 0.55)
-"""Length and width of the only robot of the benchmark."""
 SPEED_M_S, PERSON_M = 1.5, 0.3
 """Preferred speed [m/s] and radius [m] of people."""
 BOX_M = 2.0
@@ -140,11 +138,6 @@ class _File(msgspec.Struct):
     target: Annotated[list[_Person], msgspec.Meta(min_length=1, max_length=1)]
     human: Annotated[list[_Person], msgspec.Meta(max_length=1000)] = []
     obstacle: Annotated[list[_Box], msgspec.Meta(max_length=1000)] = []
-
-    def __post_init__(self) -> None:
-        shape = self.robot[0].shape
-        if (shape.length, shape.width) != ROBOT_M:
-            raise ValueError("robot[0].shape: must be 0.70 x 0.55 m")
 
 
 def read(path: Path) -> Episode:
