@@ -130,6 +130,6 @@ def _view(episode: Episode) -> str:
         return "back"
     path = episode.target
     start, points = (path.x_m, path.y_m), (*path.via_m, path.goal_m)
-    x, y = next(point for point in points if math.dist(point, start) >= AHEAD_M)
+    x, y = next((at for at in points if math.dist(at, start) >= AHEAD_M), path.goal_m)
     walks = Pose2D(*start, math.atan2(y - start[1], x - start[0]))
     return "side_left" if walks.between(episode.robot).y >= 0.0 else "side_right"
