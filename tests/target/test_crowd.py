@@ -112,6 +112,10 @@ def test_recorded_people_are_there_while_they_walk(tmp_path):
     assert list(present) == [*range(100, 300, 2)]  # of 10 ms
     assert present[200].pose.position.x == pytest.approx(4.0)
     assert all(person.id == "walker_1" for person in present.values())
+    # the robot is at x = -1
+    crowd = Crowd("senses", walker.replace("x_m = 3.0", "x_m = -1.0"))
+    places = [crowd.tick(tick).persons[1:] for tick in range(100, 300, 2)]
+    assert 0.5 < next(persons[0].pose.position.x + 1.0 for persons in places if persons) < 1.0
     reacting = WALKERS.replace("[{", "[{ enters_and_leaves = true,")
     problem = error_of(ConfigError, lambda: Crowd("back", reacting))
     assert "enters_and_leaves: the path must be recorded" in problem

@@ -143,7 +143,7 @@ class CrowdNode(Node):
         motions = {
             number: path.at(time)
             for number, path in enumerate(self.paths)
-            if path is not None and self._is_present(number, time)
+            if path is not None and self._is_present(number, path, time)
         }
         agents = [agent_at(*motion[:2], self.radius) for motion in motions.values()]
         agents += [agent_at(*_planar(person), self.radius) for person in self.targets.values()]
@@ -166,9 +166,18 @@ class CrowdNode(Node):
         motions |= zip(reacting, self.pedestrians.motions, strict=True)
         return dict(sorted(motions.items()))
 
-    def _is_present(self, number: int, time: float) -> bool:
-        begin, end = self.stays.get(number, (0.0, math.inf))
-        return begin <= time < end
+    def _is_present(self, number: int, path: PersonPath, time: float) -> bool:
+        """Return whether a walker is present; who enters waits until no robot is in the way."""
+        if number not in self.stays:
+            return True
+        begin, end = self.stays[number]
+        if number in self.motions or not begin <= time < end:
+            return begin <= time < end
+        place = path.at(time).pose
+        return all(
+            odometry.pose.pose.to_planar().distance(place) > self.reach[name] + self.radius
+            for name, odometry in self.robots.items()
+        )
 
     def _target(self, name: str) -> m.Person:
         """Return the person whom a robot follows."""
