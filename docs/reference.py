@@ -22,6 +22,7 @@ from mecazen.explain import describe
 from mecazen.files import to_value
 from mecazen.graph import GRAPH, Graph
 from mecazen.schema import NO_KEYS, is_live, members
+from mecazen_people.body.recording import MARKERS
 from mecazen_ros.types import package_files
 from mecazen_tools.cli.app import app
 from mecazen_tools.cli.graph import call_rows, gives, takes, topic_rows
@@ -63,11 +64,12 @@ def files() -> Iterator[tuple[Path, str]]:
         "nodes": nodes_table(graph),
         "access": access_table(),
         "configuration": "\n\n".join(chapters()),
+        "markers": markers_table(),
         "commands": "\n\n".join(commands(typer.main.get_command(app), "mecazen")),
     }
     yield ROOT / "configs" / "zenoh" / "secure.json5", secure_json5()
     yield from package_files(ROOT / "ros2" / "mecazen_msgs")
-    for name in ("keys", "configuration", "architecture", "deploy", "cli"):
+    for name in ("keys", "configuration", "architecture", "deploy", "cli", "motion"):
         page = ROOT / "docs" / f"{name}.md"
         yield page, REGION.sub(lambda m: f"{m[1]}{tables[m[2]]}\n{m[3]}", page.read_text())
 
@@ -91,6 +93,15 @@ def nodes_table(graph: Graph) -> str:
     rows = graph.rows
     cells = ((f"`{row.name}`", row.part_of, takes(row), gives(row), row.summary) for row in rows)
     return table("node, service, takes, gives, what it does", cells)
+
+
+def markers_table() -> str:
+    """Return the names of points in motion files, of the left leg."""
+    rows = (
+        (system, *(f"`{name.format('L')}`" if name else "" for name in row[:-1]), row.source)
+        for system, row in MARKERS.items()
+    )
+    return table("system, hip, knee, ankle, toe, front of the pelvis, source", rows)
 
 
 def chapters() -> Iterator[str]:

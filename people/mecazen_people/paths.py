@@ -15,6 +15,8 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 
 from mecazen_people import wander
+from mecazen_people.body.files import READERS
+from mecazen_people.body.recording import read_pelvis
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
 from mecazen_people.forces import nearest, shapes_of
 from mecazen_people.motion import PersonMotion, PersonPath
@@ -25,6 +27,8 @@ STEP_M, LONGEST_STEP_S = 0.02, 0.1
 """Distance between checked positions of a path, and the longest time between them [s]."""
 TURN_S = 2.0
 """Time of a turn on the spot by 180°, between the ways of who walks back and forth."""
+TRACK_SMOOTHING_S, MOTION_SMOOTHING_S = 0.8, 0.3
+"""Window of the moving average of tracked people, and of the pelvis in a motion file [s]."""
 CELL_S = 0.005
 """Within a cell of a script the velocity is that of its middle: a stop from 1.8 m/s is 2 mm off at
 most."""
@@ -152,7 +156,10 @@ def make_path(path: config.Walk) -> PersonPath:
         case config.Standing():
             return Placed(CurveWalk(Arcs([(0.0, 0.0)]), 1.0), start)
         case config.Recorded():
-            walk = RecordedWalk(read_track(path.file), path.smoothing_s)
+            reader, smoothing = read_track, TRACK_SMOOTHING_S
+            if path.file.suffix.lower() in READERS:
+                reader, smoothing = read_pelvis, MOTION_SMOOTHING_S
+            walk = RecordedWalk(reader(path.file), path.smoothing_s or smoothing)
             start = start.compose(walk.at(0.0).pose.between(Pose2D()))
         case config.Script():
             steps = [(step.duration_s, _velocity(step)) for step in path.steps]

@@ -42,12 +42,13 @@ class RecordedWalk:
     walks evenly over a gap. The position is the moving average of that curve, since samples of
     tracked people jump by decimetres. The first and the last sample keep their place.
 
-    The heading is the direction of motion. It is held while the person stands, and its rate is
-    limited: a person who stops and leaves in another direction turns while setting off, and the
-    twist has a lateral component until then. The heading of a track without motion is 0.
+    The heading is that of the track, or else the direction of motion, which is held while the
+    person stands, with a limited rate: a person who stops and leaves in another direction turns
+    while setting off, and the twist has a lateral component until then. The heading of a track
+    without motion is 0.
 
     Args:
-        track: Time [s], x and y [m] of each sample (n, 3).
+        track: Time [s], x and y [m] of each sample (n, 3), or also the heading [rad] (n, 4).
         smoothing: Window of the moving average [s].
     """
 
@@ -66,8 +67,9 @@ class RecordedWalk:
             (area(stop) - area(start)) / window,
             (curve(stop) - curve(start)) / window,
         )
+        means, turns, velocities = means[:, :2], means[:, 2:], velocities[:, :2]
         speeds = np.hypot(*velocities.T)
-        headings = _headings(velocities, speeds, float(knots[1]))
+        headings = turns[:, 0] if turns.size else _headings(velocities, speeds, float(knots[1]))
         distances = scipy.integrate.cumulative_trapezoid(speeds, knots, initial=0.0)
         values = np.column_stack((means, headings, distances))
         slopes = np.column_stack((velocities, limited_slopes(knots, headings), speeds))

@@ -4,16 +4,19 @@ import importlib.util
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mecazen.config.people import Body, Straight
+from mecazen.config.people import Body, Recorded, Straight
 from mecazen.errors import ConfigError
 from mecazen.skeleton import SIDES
 from mecazen_people.body.files import read
 from mecazen_people.body.posture import Segments
-from mecazen_people.body.recording import read_recording
+from mecazen_people.body.recording import MARKERS, height_of, read_pelvis, read_recording
 from mecazen_people.body.walker import WalkingPerson
+from mecazen_people.paths import make_path
+from mecazen_tools.simulation import Simulation
 from people.walks import curve_errors, joint, slip, walk
 
 MOCAP = Path(__file__).parents[2].parent / "shared" / "data" / "mocap"
@@ -31,19 +34,32 @@ time pelvis_tilt hip_flexion_l knee_angle_l ankle_angle_l hip_flexion_r knee_ang
 {ROW}"""
 
 
-def write_trc(file, postures, dt):
-    """Write the joints of a walk as markers, x forward and y up as OpenSim has them."""
-    names = {"hip": "HJC", "knee": "Knee", "ankle": "Ankle", "foot": "Toe", "heel": "Heel"}
-    markers = [
-        (f"{side[0].upper()}.{m}", f"{side}_{j}") for side in SIDES for j, m in names.items()
-    ]
-    places = [joint(postures, name)[:, [0, 2, 1]] * [1, 1, -1] for _, name in markers]
-    rows = np.concatenate(places, axis=1) * 1000.0
-    lines = ["PathFileType\t4", "DataRate", "100", "Frame#\tTime\t"]
-    lines[3] += "\t\t\t".join(marker for marker, _ in markers)
-    lines += ["\t\tX1\tY1\tZ1", ""]
-    for k, row in enumerate(rows):
-        lines.append("\t".join([str(k + 1), f"{k * dt:.5f}", *(f"{x:.5f}" for x in row)]))
+def points_of(postures, system="OpenCap's markers, OpenSim"):
+    """Return the points (n, 3) [m] of a walk by their names in a system, x forward and z up."""
+    row, (left, right) = MARKERS[system], (joint(postures, f"{side}_hip") for side in SIDES)
+    # the front of the pelvis from the hips, against Bell's rule
+    width = np.linalg.norm(left - right, axis=1, keepdims=True) / 0.72
+    across = (left - right) / width / 0.72
+    ahead = np.cross(across, [0.0, 0.0, 1.0])
+    front = (left + right) / 2 + width * (0.19 * ahead + [0.0, 0.0, 0.30])
+    points = {}
+    for side, name, sign in ((side, side[0].upper(), 1 - 2 * n) for n, side in enumerate(SIDES)):
+        for marker, j in zip(row[:4], ("hip", "knee", "ankle", "foot"), strict=True):
+            points[marker.format(name)] = joint(postures, f"{side}_{j}")
+        points[row.pelvis.format(name)] = front + sign * width / 2 * across
+    return {name: places for name, places in points.items() if name}
+
+
+def write(file, points, unit=1.0, axes=(1, 2, 0), rate=100.0):
+    """Write points in a unit [m] as TRC or C3D, with `axes` as x, y and z: y up."""
+    places = np.stack([places[:, axes] / unit for places in points.values()], axis=1)
+    if file.suffix == ".c3d":
+        write_c3d(file, np.concatenate([places, places[..., :1] * 0.0], axis=2).T, [*points], rate)
+        return
+    names = "\t\t\t".join(points)
+    lines = ["PathFileType\t4", "DataRate", "100", f"Frame#\tTime\t{names}", "\t\tX1\tY1\tZ1", ""]
+    for k, row in enumerate(places.reshape(len(places), -1)):
+        lines.append("\t".join([str(k + 1), f"{k / rate:.5f}", *(f"{x:.6f}" for x in row)]))
     file.write_text("\n".join(lines) + "\n")
 
 
@@ -90,11 +106,10 @@ def test_a_recorded_slow_march_is_walked_at_any_speed(tmp_path):
         assert slip(postures) < 0.0005
 
 
-def write_c3d(file, points):
-    """Write points (n, 4, frames), of which the last numbers are residuals, labelled L0, L1."""
+def write_c3d(file, points, labels, rate=100.0):
+    """Write points (4, m, frames), of which the last numbers are residuals."""
     content = ezc3d.c3d()
-    content["parameters"]["POINT"]["RATE"]["value"] = [100.0]
-    labels = tuple(f"L{n}" for n in range(points.shape[1]))
+    content["parameters"]["POINT"]["RATE"]["value"] = [rate]
     content["parameters"]["POINT"]["LABELS"]["value"] = labels
     content["data"]["points"] = points
     content.write(str(file))
@@ -105,7 +120,7 @@ def test_c3d_is_read_with_its_hidden_points(tmp_path):
     points = np.zeros((4, 2, 5))
     points[:3] = np.arange(30.0).reshape(3, 2, 5)
     points[:3, 1, 3] = np.nan
-    write_c3d(tmp_path / "a.c3d", points)
+    write_c3d(tmp_path / "a.c3d", points, ["L0", "L1"])
     motion = read(tmp_path / "a.c3d")
     assert (motion.rate_hz, list(motion.values)) == (100.0, ["L0", "L1"])
     for n, places in enumerate(motion.values.values()):
@@ -121,11 +136,8 @@ def test_without_ezc3d_a_c3d_file_names_the_extra(tmp_path, monkeypatch):
 
 def test_recorded_walk_of_a_walker_is_that_walk(tmp_path):
     walker, speed = WalkingPerson(Body()), 1.1
-    write_trc(
-        tmp_path / "own.trc",
-        walk(walker, Straight(speed_m_s=speed, length_m=100.0), 14.0)[600:],
-        0.01,
-    )
+    postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 14.0)[600:]
+    write(tmp_path / "own.trc", points_of(postures))
     gait = read_recording(tmp_path / "own.trc", SEGMENTS)
     # the standing foot's ankle rises and the pelvis turns: 4 % of the speed
     assert gait.speed == pytest.approx(speed, rel=0.04)
@@ -141,63 +153,131 @@ def test_recorded_walk_of_a_walker_is_that_walk(tmp_path):
         assert (rms < (2.5, 4.5, 3.0)).all(), rms
 
 
-NAMINGS = {
-    "Plug-in Gait": "LFEP LFEO LTIO LTOO",
-    "markers of Plug-in Gait": "LHJC LKNE LANK LTOE",
-    "Pose2Sim, OpenCap": "LHip LKnee LAnkle LBigToe",
-    "OpenCap, augmented": "LHJC_study L_knee_study L_ankle_study L_toe_study",
-    "OpenSim": "L.HJC L.Knee L.Ankle L.Toe",
-    "a subject's prefix": "Sub01:LHip Sub01:LKNE Sub01:LANK Sub01:LTOE",
+@pytest.fixture(scope="module")
+def short_walk():
+    """Postures of a person of 1.6 m who stands, walks 4 m and stands, 100 in a second."""
+    person = WalkingPerson(Body(height_m=1.6))
+    return walk(person, Straight(speed_m_s=1.1, length_m=4.0, start_after_s=1.0), 6.0)
+
+
+FORMATS = [  # suffix, unit [m], axes of the file, prefix of names
+    ("trc", 1.0, (1, 2, 0), ""),
+    ("trc", 0.001, (0, 1, 2), "Sub01:"),
+    ("trc", 0.01, (2, 0, 1), "Q_"),
+    pytest.param("c3d", 0.001, (0, 1, 2), "A 1:", marks=needs_ezc3d),
+]
+
+
+@pytest.mark.parametrize(("suffix", "unit", "axes", "prefix"), FORMATS)
+def test_each_system_format_and_axis_gives_one_walk(
+    suffix, unit, axes, prefix, short_walk, tmp_path
+):
+    for n, system in enumerate(MARKERS):
+        file = tmp_path / f"{n}.{suffix}"
+        points = {f"{prefix}{name}": p for name, p in points_of(short_walk, system).items()}
+        write(file, {f"{prefix}C7": next(iter(points.values())), **points}, unit, axes)
+        body = Body(motion_file=file)
+        assert height_of(body) == pytest.approx(1.6, abs=0.01), system
+        gait = read_recording(file, Segments.from_height(height_of(body)))
+        assert gait.speed == pytest.approx(1.1, rel=0.05), system
+        path = make_path(Recorded(file=file))
+        for t in (0.0, 1.0, 3.0, 5.0):
+            # the pelvis turns by 4 deg and sways by 2 cm about the way; 1.2 s round its ends
+            x = min(max(1.1 * (t - 1.0), 0.0), 4.0)
+            assert path.at(t).pose == pytest.approx((x, 0.0, 0.0), abs=0.08), system
+
+
+def followed(settings):
+    """Return the D_err of 7 s [m], and the person's postures, 50 in a second."""
+    skeletons = []
+    with Simulation("mocap", settings, duration_s=7.0) as sim:
+        for _ in sim.ticks(7.0):
+            if (skeleton := sim.latest("target/skeleton")) not in skeletons[-1:]:
+                skeletons.append(skeleton)
+        joints = [np.array([(p.x, p.y, p.z) for p in s.joints]) for s in skeletons]
+        return sim.scores().d_err_m, [SimpleNamespace(joints=places) for places in joints]
+
+
+@pytest.mark.parametrize(("suffix", "unit", "axes", "prefix"), [FORMATS[0], FORMATS[-1]])
+def test_a_walk_from_a_file_is_followed_as_the_original(suffix, unit, axes, prefix, tmp_path):
+    steps = [{"duration_s": 4.0, "speed_m_s": 1.0}]  # 4 m, from standing to standing
+    path = {"kind": "script", "steps": steps, "acceleration_m_s2": 2.0, "start_after_s": 1.0}
+    d_err_m, postures = followed({"target.path": path, "target.body.height_m": 1.6})
+    file = tmp_path / f"walk.{suffix}"
+    points = {f"{prefix}{name}": places for name, places in points_of(postures).items()}
+    write(file, points, unit, axes, rate=50.0)
+    path = {"kind": "recorded", "file": str(file)}
+    again, _ = followed({"target.path": path, "target.body.motion_file": str(file)})
+    assert again == pytest.approx(d_err_m, abs=0.01)
+
+
+def mapped(change):
+    return lambda points: {name: change(places) for name, places in points.items()}
+
+
+def without(part):
+    return lambda points: {name: places for name, places in points.items() if part not in name}
+
+
+LEAN = np.array([[1.0, 0.0, 0.0], [0.0, 0.7071, 0.7071], [0.0, -0.7071, 0.7071]])
+WRONG = {
+    "no ankle": (
+        without("Ankle"),
+        "no point for the left ankle; known: LAnkle, .*has LHJC, LKnee,",
+    ),
+    "names": (lambda points: {f"M{n}": p for n, p in enumerate(points.values())}, "it has M0, M1"),
+    "inches": (
+        mapped(lambda p: p / 0.0254),
+        r"shanks of 0\.20 to 0\.57 m in m, cm or mm, has 15\.5",
+    ),
+    "short": (mapped(lambda p: p[150:200]), "(gait cycle .* lasts|person for 1 s, shows) 0.5 s"),
+    "upside down": (mapped(lambda p: p * [1, -1, -1]), "must have x, y or z point up"),
+    "leaning": (mapped(lambda p: p @ LEAN), "must have x, y or z point up"),
+    "two people": (
+        lambda points: {**points, "B:LKnee": points["LKnee"]},
+        "LKnee, B:LKnee; export a",
+    ),
+    "never seen": (
+        lambda points: {**points, "LKnee": points["LKnee"] * np.nan},
+        "no point for the left knee",
+    ),
 }
 
 
-def renamed(text, names):
-    """Return a TRC file with the names of a left leg, and of the right leg accordingly."""
-    for name, own in zip(names.split(), ("HJC", "Knee", "Ankle", "Toe"), strict=True):
-        text = text.replace(f"L.{own}", name)
-        right = name.replace("L", "R", 1)
-        text = text.replace(f"R.{own}", right.replace("R_", "r_"))  # OpenCap has r_knee, L_knee
-    return text
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_motion_is_refused_in_one_line(case, short_walk, tmp_path):
+    change, words = WRONG[case]
+    file = tmp_path / "walk.trc"
+    write(file, change(points_of(short_walk)))
+    for reader in (lambda: WalkingPerson(Body(motion_file=file)), lambda: read_pelvis(file)):
+        with pytest.raises(ConfigError, match=words) as error:
+            reader()
+        assert str(error.value).startswith(f"{file}: ")
+        assert "\n" not in str(error.value)
 
 
-def test_names_of_all_systems_and_each_vertical_axis_give_one_gait(tmp_path):
-    file = tmp_path / "own.trc"
-    postures = walk(WalkingPerson(Body()), Straight(speed_m_s=1.1, length_m=100.0), 8.0)[400:]
-    write_trc(file, postures, 0.01)
-    text, gait = file.read_text(), read_recording(file, SEGMENTS)
-    for names in NAMINGS.values():
-        file.write_text(renamed(text, names))
-        assert read_recording(file, SEGMENTS).speed == gait.speed, names
-    *head, body = text.partition("\n\n")
-    rows = [line.split("\t") for line in body.splitlines()]
-    for axes in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):  # y up, as in OpenSim, then z up, then x up
-        turned = [
-            [*row[:2], *(row[2 + 3 * (i // 3) + axes[i % 3]] for i in range(len(row) - 2))]
-            for row in rows
-        ]
-        file.write_text("".join(head) + "\n".join("\t".join(row) for row in turned))
-        assert read_recording(file, SEGMENTS).speed == pytest.approx(gait.speed, rel=1e-12), axes
-
-    def refused(change):
-        lines = [
-            [*row[:2], *(f"{x:.5f}" for x in change(np.array(row[2:], float).reshape(-1, 3)).flat)]
-            for row in rows
-        ]
-        file.write_text("".join(head) + "\n".join("\t".join(line) for line in lines))
-        with pytest.raises(ConfigError) as error:
+def test_mirrored_and_hidden_feet_are_refused_as_gait(short_walk, tmp_path):
+    file, points = tmp_path / "walk.trc", points_of(short_walk)
+    for change, words in (
+        (mapped(lambda p: p * [1, -1, 1]), "left and right are swapped, or an axis is mirrored"),
+        (lambda points: {**points, "LToe": points["LToe"] * 0.0}, "no point for the left toe"),
+    ):
+        write(file, change(points))
+        with pytest.raises(ConfigError, match=words):
             read_recording(file, SEGMENTS)
-        return str(error.value)
 
-    assert "must have x, y or z point up; its hips are [" in refused(lambda p: -p)
-    lean = np.array([[1, 0, 0], [0, 1, 1], [0, -1, 1]]) / [[1.0], [np.sqrt(2)], [np.sqrt(2)]]
-    assert "must have x, y or z point up; its hips are [" in refused(lambda p: p @ lean)
-    assert "left and right are swapped, or an axis is mirrored" in refused(lambda p: p * [1, 1, -1])
-    assert "must have all markers in some frames" in refused(
-        lambda p: p + np.where(np.arange(len(p)) == 3, np.nan, 0.0)[:, None]  # a toe is hidden
-    )
-    file.write_text(text.replace("R.Heel", "B:L.Heel"))
-    with pytest.raises(ConfigError, match=r"two points like 'L\.Heel'; export a single person"):
-        read_recording(file, SEGMENTS)
+
+def test_a_person_gets_up_walks_and_sits_down(short_walk, tmp_path):
+    """A recording with a chair: who sits is left out, so the track begins standing."""
+    points = points_of(short_walk)
+    low = np.interp(np.arange(601), [0, 50, 550, 600], [0.5, 0.0, 0.0, 0.5])[:, None]
+    for side in "LR":
+        for point in ("HJC", "ASIS"):
+            points[side + point] = points[side + point] - low * [0.0, 0.0, 1.0]
+    write(tmp_path / "tug.trc", points)
+    track = read_pelvis(tmp_path / "tug.trc")
+    assert (track[0, 0], track[-1, 0]) == pytest.approx((0.28, 5.72), abs=0.05)
+    assert read_recording(tmp_path / "tug.trc", SEGMENTS).speed == pytest.approx(1.1, rel=0.1)
 
 
 @needs_recordings
@@ -207,14 +287,12 @@ def test_names_of_all_systems_and_each_vertical_axis_give_one_gait(tmp_path):
         # a treadmill at 1.1 m/s, stride time 1.217 s; of another height than this person
         ("opensim/subject01_walk1_ik.mot", 1.1, 1.217, 7.5),
         ("opensim/motion_capture_walk.trc", 1.2, 1.14, 14.0),
-        pytest.param(
-            "ktk/walk.c3d", 1.05, 1.11, 4.0, marks=needs_ezc3d
-        ),  # 0.89 m/s, on legs of 0.73 instead of 0.86 m
+        pytest.param("ktk/walk.c3d", 0.89, 1.11, 4.5, marks=needs_ezc3d),
     ],
 )
 def test_recorded_people_are_walked_along_a_path(name, speed, period, most):
     walker = WalkingPerson(Body(motion_file=MOCAP / name))
-    gait = read_recording(MOCAP / name, SEGMENTS)
+    gait = read_recording(MOCAP / name, walker.segments)
     assert gait.speed == pytest.approx(speed, rel=0.1)
     assert gait.stride / gait.speed == pytest.approx(period, rel=0.03)
     postures = walk(walker, Straight(speed_m_s=gait.speed, length_m=100.0), 12.0)

@@ -309,6 +309,21 @@ def test_a_robot_is_imported_and_follows_as_on_the_page(tmp_path):
                 printed += run([[*shlex.split(line), *short]], tmp_path)
 
 
+# motion.md
+
+MOTION = (ROOT / "docs" / "motion.md").read_text()
+
+
+def test_a_motion_file_is_walked_as_on_the_page(tmp_path):
+    write_files(MOTION, tmp_path)
+    lines = [
+        line for kind, block in BLOCK.findall(MOTION) if kind == "sh" for line in block.split("\n")
+    ]
+    for n, line in enumerate(filter(None, lines)):
+        short = ["--duration", "2" if n > 1 else "8"] * ("simulate" in line)
+        run([[*shlex.split(line), *short]], tmp_path)
+
+
 # hardware.md
 
 

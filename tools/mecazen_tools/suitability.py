@@ -12,6 +12,7 @@ from mecazen.messages import Unseen
 from mecazen.robot import CameraMount
 from mecazen.view import out_of_view
 from mecazen_people.body.posture import Segments
+from mecazen_people.body.recording import height_of
 from msgspec.structs import replace
 
 PITCHES_DEG = range(61)
@@ -48,7 +49,7 @@ def _max_speed_m_s(part: Scenario) -> float:
 
 def _unseen(part: Scenario, mount: CameraMount, standoff: Standoff) -> Unseen | None:
     """Return why a camera on a robot at its place does not see the pelvis and both shoulders."""
-    body, person = Segments.from_height(part.target.body.height_m), standoff.person(Pose2D())
+    body, person = Segments.from_height(height_of(part.target.body)), standoff.person(Pose2D())
     shoulder_m = body.standing + body.trunk
     for aside, height in ((0.0, body.standing), (0.5, shoulder_m), (-0.5, shoulder_m)):
         x, y, _ = person.compose(Pose2D(0.0, aside * body.shoulders))

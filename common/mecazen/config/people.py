@@ -18,6 +18,8 @@ Turn = Literal["left", "right"]
 
 FASTEST_M_S = 13.0
 """Largest speed of a person: no person runs faster [m/s]."""
+HEIGHT_M, HEIGHTS_M = 1.75, (0.8, 2.3)
+"""Height of a person where nothing else is known, and the range of heights [m]."""
 
 
 class _Path(Section, tag_field="kind"):
@@ -94,9 +96,10 @@ class Recorded(_Walk, tag="recorded", kw_only=True):
     """A recorded track, transformed so that it starts at the start pose."""
 
     file: Path
-    """CSV with the columns `t_s`, `x_m`, `y_m`."""
-    smoothing_s: Positive = 0.8
-    """Window of the moving average [s]; at least two periods of the recording."""
+    """CSV with the columns `t_s`, `x_m`, `y_m`, or a motion file (.c3d, .trc)."""
+    smoothing_s: Positive | None = None
+    """Window of the moving average [s]; at least two periods of the recording. By default 0.8, and
+    0.3 for a motion file."""
 
 
 class ScriptStep(Section):
@@ -192,7 +195,8 @@ class Shuffle(Section):
 class Body(Section):
     """The person's body and how it walks; see `mecazen_people.body`."""
 
-    height_m: Annotated[float, msgspec.Meta(ge=0.8, le=2.3)] = 1.75
+    height_m: Annotated[float, msgspec.Meta(ge=HEIGHTS_M[0], le=HEIGHTS_M[1])] | None = None
+    """Height of the person; without it that of the motion file, else 1.75."""
     limp: Limp | None = None
     stiff_knee: StiffKnee | None = None
     shuffle: Shuffle | None = None
@@ -235,7 +239,7 @@ class Passerby(Section, tag_field="kind", tag="person"):
 
     path: UTrack | Straight | Circle | FigureOfEight | Standing | Script | Wander = Standing()
     """Its times count from when the person is added."""
-    height_m: Annotated[float, msgspec.Meta(ge=0.8, le=2.3)] = 1.75
+    height_m: Annotated[float, msgspec.Meta(ge=HEIGHTS_M[0], le=HEIGHTS_M[1])] = HEIGHT_M
 
 
 class Reactive(Section, kw_only=True):

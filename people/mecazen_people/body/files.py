@@ -53,6 +53,9 @@ def read(file: Path) -> MotionFile:
         raise ConfigError(f"{file}: must have 10 to 10000 frames per second, has {rate}")
     if any((np.abs(values) > FARTHEST).any() for values in motion.values.values()):
         raise ConfigError(f"{file}: each number must be from {-FARTHEST:g} to {FARTHEST:g}")
+    for places in motion.values.values():
+        if places.ndim == 2:
+            places[~places.any(axis=1)] = np.nan  # how programs write a hidden marker
     return motion
 
 

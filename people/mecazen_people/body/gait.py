@@ -124,12 +124,13 @@ class Style:
 
     Args:
         body: The person.
+        height: Their height [m].
         gait: A gait of the person, or of healthy adults.
     """
 
-    def __init__(self, body: Body, gait: Gait) -> None:
-        self._body, self._gait = body, gait
-        self._size = body.height_m / _ADULT_M
+    def __init__(self, body: Body, height: float, gait: Gait) -> None:
+        self._body, self._height, self._gait = body, height, gait
+        self._size = height / _ADULT_M
         self._at_gait, self._stride_share = factors_at(gait.speed), 1.0
         self._largest_ratios = [[math.inf] * 3] * 2
         if gait.stride is not None:  # a recording, scaled to this person
@@ -203,7 +204,7 @@ class Style:
         stiff = self._body.stiff_knee
         if stiff is not None and stiff.side in ("both", ("left", "right")[side]):
             knee -= (1.0 - stiff.flexion) * max(0.0, knee - _STANCE_KNEE)
-        turned = self.lead(side, speed) / (_LEG * self._body.height_m)
+        turned = self.lead(side, speed) / (_LEG * self._height)
         return hip + turned, knee, ankle - turned
 
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from mecazen.config.people import HEIGHT_M, HEIGHTS_M, Body
 from mecazen.errors import ConfigError
 from mecazen.portable import arctan2
 from numpy.typing import NDArray
@@ -14,29 +19,98 @@ from mecazen_people.body.files import Array, MotionFile, read
 from mecazen_people.body.gait import Fourier, Gait, LegCurves
 from mecazen_people.body.posture import PELVIS_TILT, Segments
 
-_NAMES = {
-    "hip": ("{}Hip", "{}.HJC", "{}HJC", "{}FEP"),
-    "knee": ("{}Knee", "{}.Knee", "{}KJC", "{}FEO", "{}KNE", "{}_knee"),
-    "ankle": ("{}Ankle", "{}.Ankle", "{}AJC", "{}TIO", "{}ANK", "{}_ankle"),
-    "toe": ("{}Ball", "{}Toe", "{}.Toe", "{}TOO", "{}TOE", "{}BigToe", "{}_toe"),
-    "asis": ("{}.ASIS", "{}ASIS", "{}ASI"),
-}
-"""Names of points by joint, the most exact first; {} is the side. Sources:
 
-- `{}Hip`, `{}Knee`, `{}Ankle`, `{}BigToe`: HALPE_26 of Pose2Sim (Pose2Sim.skeletons) and the video
-  keypoints of OpenCap; with `{}Ball` the files of `mecazen gait --export`.
-- `{}HJC`, `{}_knee`, `{}_ankle`, `{}_toe`, `{}.ASIS`: the augmented markers of OpenCap, which end
-  in `_study`.
-- `{}FEP`, `{}FEO`, `{}TIO`, `{}TOO`: the bones of Plug-in Gait (Vicon Nexus, Plug-in Gait bones);
-  `{}KNE`, `{}ANK`, `{}TOE`, `{}ASI`: its markers; `{}HJC`, `{}KJC`, `{}AJC`: joint centres.
-- `{}.HJC`, `{}.Knee`, `{}.Ankle`, `{}.Toe`, `{}.ASIS`: OpenSim's gait2392.
-"""
-_SIDES = (("Left", "L", "l"), ("Right", "R", "r"))
+class Markers(NamedTuple):
+    """Names of the points of a leg in files of one system, "" for none; {} is the side."""
+
+    hip: str
+    knee: str
+    ankle: str
+    toe: str
+    pelvis: str
+    """On the front of the pelvis, for files without hip joints."""
+    source: str
+
+
+_PLUG_IN = "Vicon Nexus, Plug-in Gait Reference Guide"
+_CMU = "CMU Graphics Lab Motion Capture Database"
+_QUALISYS = "marker set guides of Qualisys Track Manager"
+_CAST = "Cappozzo et al., Clin. Biomech. 10, 1995; Leardini et al., Gait & Posture 26, 2007"
+MARKERS = {
+    "`mecazen gait --export`": Markers("{}Hip", "{}Knee", "{}Ankle", "{}Ball", "", "gait.md"),
+    "Pose2Sim (HALPE_26), OpenCap's keypoints": Markers(
+        "{}Hip", "{}Knee", "{}Ankle", "{}BigToe", "", "Pose2Sim.skeletons"
+    ),
+    "Plug-in Gait, bones": Markers("{}FEP", "{}FEO", "{}TIO", "{}TOO", "", _PLUG_IN),
+    "OpenCap's markers, OpenSim": Markers(
+        "{}HJC", "{}Knee", "{}Ankle", "{}Toe", "{}ASIS", "opencap-core, OpenSim's gait2392"
+    ),
+    "Plug-in Gait, joint centres": Markers("{}HJC", "{}KJC", "{}AJC", "{}TOE", "{}ASI", _PLUG_IN),
+    "Plug-in Gait, markers": Markers("", "{}KNE", "{}ANK", "{}TOE", "{}ASI", _PLUG_IN),
+    "CMU": Markers("", "{}KNE", "{}ANK", "{}TOE", "{}FWT", _CMU),
+    "Qualisys Animation": Markers(
+        "", "{}KneeOut", "{}AnkleOut", "{}ToeTip", "Waist{}Front", _QUALISYS
+    ),
+    "Qualisys Sports": Markers(
+        "", "{}KneeOut", "{}AnkleOut", "{}Forefoot2", "Waist{}Front", _QUALISYS
+    ),
+    "CAST, IOR (Qualisys, OptiTrack)": Markers("", "{}FLE", "{}FAL", "{}FM2", "{}IAS", _CAST),
+    "CAST, IOR, without a marker on the second toe": Markers(
+        "", "{}FLE", "{}FAL", "{}FM1", "{}IAS", _CAST
+    ),
+}
+"""The systems that can be read; of several names in a file the first row applies."""
+_SIDES = ("Left", "Right")
 _UPRIGHT = 0.8  # least part of the way from ankles to hips along the vertical axis
-_HEADING_S = 1.2  # about a stride, in which the pelvis has the mean heading of the walk
+STRIDE_S = 1.2
+"""About the time of a stride, in which the pelvis has the mean heading of the walk."""
+MIN_TRACK_S = 1.0
+"""Shortest track that can be a path."""
+_SITTING = 0.75  # of the usual height of the hips above the ankles; below, the person sits
 _STRAIGHTEST = np.radians(3.0)  # least flexion of the knee
 _IRREGULAR = 0.3  # largest deviation of a cycle, as a share of the usual length
 _FLAT = (0.3, 0.5)  # part of the stance in which the foot is taken as flat
+
+
+def height_of(body: Body) -> float:
+    """Return the height of a person [m]: as configured, else that of their motion file."""
+    if body.height_m is not None or body.motion_file is None:
+        return body.height_m or HEIGHT_M
+    motion = read(body.motion_file)
+    if any(values.ndim == 1 for values in motion.values.values()):
+        return HEIGHT_M  # angles only
+    with _errors_of(body.motion_file):
+        return _unit_and_height(motion)[1]
+
+
+def read_pelvis(file: Path) -> Array:
+    """Read the track of the pelvis: time [s], x and y [m], heading [rad] of each frame (n, 4).
+
+    Frames in which the person sits or is hidden are left out. The pelvis's sway is removed: to the
+    side, places are averaged over a stride.
+    """
+    motion = read(file)
+    with _errors_of(file):
+        unit, _ = _unit_and_height(motion)
+        up, ahead = _frame(motion)
+        places = unit * (_pelvis(motion, 0) + _pelvis(motion, 1)) / 2
+        seen = np.flatnonzero(np.isfinite(ahead + places).all(axis=1))
+        if (duration := len(seen) / motion.rate_hz) < MIN_TRACK_S:
+            raise ConfigError(f"must show a person for {MIN_TRACK_S:g} s, shows {duration:.2g} s")
+    across = [(up + 1) % 3, (up + 2) % 3]
+    (cos, sin), (x, y) = ahead[seen][:, across].T, places[seen][:, across].T
+    mean = _mean_over(places[seen], round(STRIDE_S * motion.rate_hz))[:, across].T
+    sway = cos * (y - mean[1]) - sin * (x - mean[0])
+    track = (seen / motion.rate_hz, x + sin * sway, y - cos * sway, np.unwrap(arctan2(sin, cos)))
+    return np.column_stack(track)
+
+
+@contextmanager
+def _errors_of(file: Path) -> Iterator[None]:
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from None
 
 
 def read_recording(file: Path, segments: Segments) -> Gait:
@@ -48,12 +122,9 @@ def read_recording(file: Path, segments: Segments) -> Gait:
     speed is that of the standing foot relative to the hips, computed with `segments`.
     """
     motion = read(file)
-    try:
-        motion = motion._replace(values=_named(motion.values))
+    with _errors_of(file):
         legs = _whole(np.array([_angles(motion, side) for side in (0, 1)]))
         cycles = [_Cycles(motion.rate_hz, leg, segments) for leg in legs]
-    except ConfigError as error:
-        raise ConfigError(f"{file}: {error}") from None
     left, right = cycles
     period = (left.period + right.period) / 2
     leads = [(b - c) / (b - a) for a, b in left.cycles for c in right.strikes if a < c < b]
@@ -68,15 +139,6 @@ def read_recording(file: Path, segments: Segments) -> Gait:
     )
 
 
-def _named(values: dict[str, Array]) -> dict[str, Array]:
-    """Return values by their names without a prefix as in `Sub01:LTOE`, and without `_study`."""
-    named = {name.rpartition(":")[2].removesuffix("_study"): name for name in values}
-    if len(named) < len(values):
-        first = next(name for name in values if name not in named.values())
-        raise ConfigError(f"has two points like {first!r}; export a single person")
-    return {name: values[full] for name, full in named.items()}
-
-
 def _whole(angles: Array) -> Array:
     """Return the longest part without a gap of angles over frames (2, 3, n)."""
     gaps = np.flatnonzero(~np.isfinite(angles).all(axis=(0, 1)))
@@ -87,18 +149,47 @@ def _whole(angles: Array) -> Array:
     return angles[:, :, edges[longest] + 1 : edges[longest + 1]]
 
 
-def _up(motion: MotionFile) -> int:
-    """Return the axis that points up: from the ankles to the hips, in the mean."""
-    hips = [_pelvis(motion, side) for side in (0, 1)]
-    above = np.array([hip - _point(motion, "ankle", side) for side, hip in enumerate(hips)])
-    mean = np.nan_to_num(above).mean(axis=(0, 1))
+def _frame(motion: MotionFile) -> tuple[int, Array]:
+    """Return the axis that points up, and the direction straight ahead over the frames (n, 3).
+
+    Up is from the ankles to the hips, in the mean; ahead is square to the hips, in the mean of a
+    stride, and NaN while the person sits or is hidden.
+    """
+    left, right = (_pelvis(motion, side) for side in (0, 1))
+    above = (left - _point(motion, "ankle", 0)) + (right - _point(motion, "ankle", 1))
+    mean = np.nan_to_num(above).mean(axis=0)
     up = int(np.argmax(np.abs(mean)))
     if not mean[up] > _UPRIGHT * float(np.sqrt((mean * mean).sum())):
-        shown = ", ".join(f"{value:.3g}" for value in mean)
+        shown = ", ".join(f"{value / 2:.3g}" for value in mean)
         raise ConfigError(
             f"must have x, y or z point up; its hips are [{shown}] above its ankles in the mean"
         )
-    return up
+    upright = above[:, up] > _SITTING * np.nanpercentile(above[:, up], 90)
+    across = left - right
+    across[:, up] = 0.0
+    across = _mean_over(across, round(STRIDE_S * motion.rate_hz))
+    ahead = np.cross(across, np.eye(3)[up])
+    length = np.sqrt((ahead * ahead).sum(axis=1))
+    if not (length > 0.0).any():
+        raise ConfigError("must have its hips side by side")
+    return up, ahead / np.where(upright & (length > 0.0), length, np.nan)[:, None]
+
+
+def _unit_and_height(motion: MotionFile) -> tuple[float, float]:
+    """Return the unit of a file [m] and the height of its person [m].
+
+    Both follow from the shanks, which have markers at both ends in all systems.
+    """
+    shank = 0.0
+    for side in (0, 1):
+        bone = _point(motion, "knee", side) - _point(motion, "ankle", side)
+        shank += float(np.nanmedian(np.sqrt((bone * bone).sum(axis=1)))) / 2
+    share = Segments.from_height(1.0).shank
+    for unit in (1.0, 0.01, 0.001):
+        if HEIGHTS_M[0] <= shank * unit / share <= HEIGHTS_M[1]:
+            return unit, shank * unit / share
+    low, high = (f"{share * end:.2f}" for end in HEIGHTS_M)
+    raise ConfigError(f"must have shanks of {low} to {high} m in m, cm or mm, has {shank:.3g}")
 
 
 def _angles(motion: MotionFile, side: int) -> Array:
@@ -112,24 +203,15 @@ def _angles(motion: MotionFile, side: int) -> Array:
         hip, knee, ankle, tilt = (values[name] for name in names)
         flexion = -knee if knee.mean() < 0.0 else knee  # both signs are in use
         return np.array([hip + tilt + PELVIS_TILT, flexion, ankle])
-    up = _up(motion)
-    near, far = (_pelvis(motion, s) for s in (side, 1 - side))
-    across = (near - far) * (1 - 2 * side)
-    across[:, up] = 0.0
-    across = _mean_over(across, round(_HEADING_S * motion.rate_hz))
-    forward = np.cross(across, np.eye(3)[up])
-    length = np.sqrt((forward * forward).sum(axis=1, keepdims=True))
-    if not (length > 0.0).all():
-        raise ConfigError("must have its hips side by side")
-    forward /= length
+    up, ahead = _frame(motion)
     knee, ankle, toe = (_point(motion, name, side) for name in ("knee", "ankle", "toe"))
-    hip = _hip(motion, side, forward, up)
-    if np.nansum((toe - ankle) * forward) < 0.0:
+    hip = _hip(motion, side, ahead, up)
+    if np.nansum((toe - ankle) * ahead) < 0.0:
         raise ConfigError(
             "has its toes behind its ankles: left and right are swapped, or an axis is mirrored"
         )
     thigh, shank, foot = (
-        np.stack([(p * forward).sum(axis=1), p[:, up]])
+        np.stack([(p * ahead).sum(axis=1), p[:, up]])
         for p in (knee - hip, ankle - knee, toe - ankle)
     )
     thigh_angle, shank_angle = (arctan2(x, -z) for x, z in (thigh, shank))
@@ -137,7 +219,7 @@ def _angles(motion: MotionFile, side: int) -> Array:
     return np.array([thigh_angle + PELVIS_TILT, thigh_angle - shank_angle, pitch - shank_angle])
 
 
-def _hip(motion: MotionFile, side: int, forward: Array, up: int) -> Array:
+def _hip(motion: MotionFile, side: int, ahead: Array, up: int) -> Array:
     """Return a hip joint's centre (n, 3); if it is not recorded, from the markers on the pelvis.
 
     The centre is 14 % of the markers' distance inwards, 19 % behind and 30 % below (A. L. Bell et
@@ -145,15 +227,15 @@ def _hip(motion: MotionFile, side: int, forward: Array, up: int) -> Array:
     """
     if _marker(motion, "hip", side) is not None:
         return _point(motion, "hip", side)
-    near, far = _point(motion, "asis", side), _point(motion, "asis", 1 - side)
+    near, far = _point(motion, "pelvis", side), _point(motion, "pelvis", 1 - side)
     width = np.sqrt(((near - far) ** 2).sum(axis=1, keepdims=True))
     down = np.eye(3)[up]
-    centre: Array = near + 0.14 * (far - near) - width * (0.19 * forward + 0.30 * down)
+    centre: Array = near + 0.14 * (far - near) - width * (0.19 * ahead + 0.30 * down)
     return centre
 
 
 def _pelvis(motion: MotionFile, side: int) -> Array:
-    marker = _marker(motion, "asis", side)
+    marker = _marker(motion, "pelvis", side)
     return _point(motion, "hip", side) if marker is None else marker
 
 
@@ -166,17 +248,34 @@ def _mean_over(values: Array, width: int) -> Array:
     return mean
 
 
-def _marker(motion: MotionFile, joint: str, side: int) -> Array | None:
-    names = (name.format(text) for name in _NAMES[joint] for text in _SIDES[side])
-    points = (motion.values[name] for name in names if name in motion.values)
-    return next((point for point in points if point.ndim == 2), None)
+def _marker(motion: MotionFile, point: str, side: int) -> Array | None:
+    """Return a point of a leg (n, 3) by any of its names, also with a prefix; None without it."""
+    text = _SIDES[side]
+    for name in _names(point):
+        marker = name.format(rf"(?:{text}|{text[0]})[._ ]?")
+        pattern = re.compile(rf"(|.*[:_ ]){marker}(?:_study)?", re.IGNORECASE)
+        matches = {key: match[1] for key in motion.values if (match := pattern.fullmatch(key))}
+        if len(set(matches.values())) > 1:
+            raise ConfigError(f"has the points {', '.join(matches)}; export a single person")
+        for key in matches:
+            if motion.values[key].ndim == 2 and np.isfinite(motion.values[key]).any():
+                return motion.values[key]
+    return None
 
 
-def _point(motion: MotionFile, joint: str, side: int) -> Array:
-    if (point := _marker(motion, joint, side)) is None:
-        names = ", ".join(name.format(_SIDES[side][1]) for name in _NAMES[joint])
-        raise ConfigError(f"has no point for the {_SIDES[side][0].lower()} {joint}; known: {names}")
-    return point
+def _names(point: str) -> list[str]:
+    return list(dict.fromkeys(name for row in MARKERS.values() if (name := getattr(row, point))))
+
+
+def _point(motion: MotionFile, point: str, side: int) -> Array:
+    if (places := _marker(motion, point, side)) is None:
+        known = ", ".join(name.format(_SIDES[side][0]) for name in _names(point))
+        shown = ", ".join([*motion.values][:8]) + ", …" * (len(motion.values) > 8)
+        raise ConfigError(
+            f"has no point for the {_SIDES[side].lower()} {point}; known: {known}; "
+            f"it has {shown or 'none'}"
+        )
+    return places
 
 
 class _Cycles:
@@ -192,7 +291,11 @@ class _Cycles:
         heel = ahead - segments.heel * np.cos(pitch) + segments.ankle * np.sin(pitch)
         self.strikes = [_strike(heel, i, width) for i in _peaks(heel, width)]
         if len(self.strikes) < 2:
-            raise ConfigError("must have a whole gait cycle of each leg")
+            shown = f"{len(heel) / rate_hz:.2g}"
+            raise ConfigError(
+                f"must have a whole gait cycle of each leg: two strikes of each heel in a part "
+                f"without a hidden marker; the longest lasts {shown} s"
+            )
         ball = ahead + segments.ball * np.cos(pitch) + segments.ankle * np.sin(pitch)
         every = list(pairwise(self.strikes))
         usual = sorted(b - a for a, b in every)[len(every) // 2]

@@ -13,7 +13,7 @@ from numpy.random import PCG64, Generator
 from mecazen_people.body.cycle import SLOWEST, GaitTable
 from mecazen_people.body.gait import Style, normal_gait
 from mecazen_people.body.posture import Point, Posture, Segments, sagittal_angles
-from mecazen_people.body.recording import read_recording
+from mecazen_people.body.recording import height_of, read_recording
 from mecazen_people.motion import PersonMotion
 
 _LAG_S = 0.08  # each of two lags in series, for the twist and for starts and stops
@@ -63,11 +63,12 @@ class WalkingPerson:
     """
 
     def __init__(self, body: Body) -> None:
-        self.segments = Segments.from_height(body.height_m)
+        height = height_of(body)
+        self.segments = Segments.from_height(height)
         gait = normal_gait()
         if body.motion_file is not None:
             gait = read_recording(body.motion_file, self.segments)
-        self.style = Style(body, gait)
+        self.style = Style(body, height, gait)
         self._gait = GaitTable(self.style, self.segments)
         self._stride_cv = body.stride_cv
         self.reset(PersonMotion(Pose2D()))

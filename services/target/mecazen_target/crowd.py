@@ -14,6 +14,7 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robots import seed_of
+from mecazen_people.body.recording import height_of
 from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.crowd import Pedestrians, agent_at, errand_of, random_errands
 from mecazen_people.motion import PersonMotion, PersonPath
@@ -55,7 +56,7 @@ class CrowdNode(Node):
         if config.reactive is not None:
             self.paths += [None] * config.reactive.count
             bodies += [config.reactive.body] * config.reactive.count
-        self.heights = [body.height_m for body in bodies]
+        self.heights = [height_of(body) for body in bodies]
         self.made: dict[Body, WalkingPerson] = {}
         self.bodies = [self._body(body) for body in bodies]
         self.radius = scenario.world.person.radius_m
@@ -212,7 +213,7 @@ def _path(scenario: Scenario, number: int, walker: Walker) -> PersonPath | None:
         return None
     try:
         path = make_path(walker.path)
-        check_path(path, scenario.world, walker.body.height_m, scenario.sim.duration_s)
+        check_path(path, scenario.world, height_of(walker.body), scenario.sim.duration_s)
     except ConfigError as error:
         raise ConfigError(f"crowd.walkers.{number}.path: {error}") from None
     return path

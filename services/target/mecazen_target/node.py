@@ -19,6 +19,7 @@ from mecazen.keys import (
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen_people.body.posture import Posture
+from mecazen_people.body.recording import height_of
 from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.crowd import Agent, Pedestrians, agent_at, errand_of
 from mecazen_people.motion import DrivenWalk, PersonMotion, with_gait
@@ -36,12 +37,11 @@ class TargetNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.target
-        path = self.config.path
+        path, self.height = self.config.path, height_of(self.config.body)
         try:
             self.path = None if isinstance(path, people.Driven | people.Goal) else make_path(path)
             if self.path is not None:
-                height, until = self.config.body.height_m, scenario.sim.duration_s
-                check_path(self.path, scenario.world, height, until)
+                check_path(self.path, scenario.world, self.height, scenario.sim.duration_s)
         except ConfigError as error:
             raise ConfigError(f"target.path: {error}") from None
         # both raise an error if a period is not a multiple of the tick
@@ -109,7 +109,7 @@ class TargetNode(Node):
         return m.Skeleton(
             header=m.Header(stamp=tick.time, frame_id="world"),
             id="1",
-            height=self.config.body.height_m,
+            height=self.height,
             joints=tuple([m.Point(*joint) for joint in posture.joints.tolist()]),
             angles=posture.angles,
             phases=posture.phases,
