@@ -93,9 +93,13 @@ def test_a_scan_follows_rep_117_in_both_directions():
 def test_fixed_links_are_frames():
     robot = load_robot()
     level = replace(robot, camera=replace(robot.camera, pitch_deg=0.0))
-    transforms = fixed_frames(build_urdf(level), "r/").transforms
+    transforms = fixed_frames(build_urdf(level, "base_footprint"), "r/").transforms
     frames = {frame.child_frame_id: frame for frame in transforms}
-    assert frames.keys() == {"r/camera_link", "r/lidar_link", "r/camera_depth_optical_frame"}
+    sensors = {"r/camera_link", "r/lidar_link", "r/camera_depth_optical_frame"}
+    assert frames.keys() == {*sensors, "r/base_link"}
+    base = frames["r/base_link"]
+    assert base.header.frame_id == "r/base_footprint"
+    assert base.transform.translation == m.Vector3()
     optical = frames["r/camera_depth_optical_frame"]
     assert optical.header.frame_id == "r/camera_link"
     # the quaternion that REP-103's users write by hand
