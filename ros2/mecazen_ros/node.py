@@ -1,8 +1,9 @@
-"""The services of a process as ROS 2 nodes, in rmw_zenoh's protocol.
+"""The services of a process as ROS 2 nodes, in rmw_zenoh's protocol or behind the DDS bridge.
 
 They have a Zenoh session without a namespace, which would hide them from ROS. The session is a
-client, of mecazen's router or of `rmw_zenohd`. A ROS topic is published only while it has a
-subscriber. Messages from ROS are published on the plain key.
+client: of mecazen's router, of `rmw_zenohd`, or of `zenoh-bridge-ros2dds`, whose keys are the names
+of topics and services, and whose payloads are CDR without attachments. A ROS topic is published
+only while it has a subscriber. Messages from ROS are published on the plain key.
 """
 
 from __future__ import annotations
@@ -51,8 +52,10 @@ CACHED: dict[str, Any] = {
 
 def of_ros(config: BusConfig) -> BusConfig:
     """Return the settings of a session for ROS: a client without a namespace."""
-    endpoints = config.ros_connect or config.connect
-    return msgspec.structs.replace(config, mode="client", namespace=None, connect=endpoints)
+    endpoints = config.ros_bridge or config.ros_connect or config.connect
+    return msgspec.structs.replace(
+        config, mode="client", namespace=None, connect=endpoints, ros_bridge=None
+    )
 
 
 class RosSession:
@@ -67,11 +70,14 @@ class RosSession:
 
     def __init__(self, config: BusConfig, name: str, bus: ZenohBus, put: Put) -> None:
         self.config, self.bus, self.put = config, bus, put
-        self.session = open_session(of_ros(config), "client", name, timestamps=True)
+        self.is_bridged = bool(config.ros_bridge)
+        server = "zenoh-bridge-ros2dds" if self.is_bridged else "the router"
+        self.session = open_session(of_ros(config), "client", name, server=server, timestamps=True)
         self.numbers = count()
         """Numbers for nodes and their endpoints."""
         self.kept: list[object] = []
         """Declared objects, since Zenoh undeclares objects without reference."""
+        self._tokens: dict[str, object] = {}
 
     def type(self, name: str) -> str:
         """Return a type in DDS's spelling with its hash, as in keys and tokens."""
@@ -80,11 +86,22 @@ class RosSession:
 
     def key(self, name: str, ros_type: str) -> str:
         """Return the key of a topic's samples, or of a service's requests."""
-        return f"{self.config.ros_domain_id}/{name}/{ros_type}"
+        if self.is_bridged:
+            return name
+        return f"{self.config.ros_domain_id}/{name}/{self.type(ros_type)}"
+
+    def attachment(self, sequence: int, gid: bytes) -> bytes | None:
+        """Return the attachment of a sample or a reply; None if the bridge expects none."""
+        return None if self.is_bridged else protocol.attachment(sequence, gid)
+
+    def sequence_and_gid(self, received: zenoh.Sample | zenoh.Query) -> tuple[int, bytes]:
+        """Return what an attachment must have; a bridge sends none, or one of its own."""
+        return (0, b"") if self.is_bridged else protocol.sequence_and_gid(received)
 
     def declare_token(self, token: str) -> None:
-        """Declare the liveliness token by which ROS sees a node or an endpoint."""
-        self.kept.append(self.session.liveliness().declare_token(token))
+        """Declare the liveliness token by which ROS sees a node or an endpoint, if not yet."""
+        if token not in self._tokens:
+            self._tokens[token] = self.session.liveliness().declare_token(token)
 
     def close(self) -> None:
         self.session.close()  # type: ignore[no-untyped-call]
@@ -116,7 +133,7 @@ class RosNode:
                 if service.call in row.calls:
                     self._serve(service.name, self._namespace, service, partial(self._ask, service))
                     full = full_name(service.name, self._namespace)
-                    self._declare("SS", full, ros.type(service.kind))
+                    self._declare("SS", full, service.kind)
             if keys.SET_PARAMETERS in row.calls:
                 for node in scenario.services:
                     for node_robot in ("",) if node in SHARED else scenario.names:
@@ -124,7 +141,7 @@ class RosNode:
         if name in scenario.services:
             for service in services.OF_NODE:
                 full = full_name(f"{self._name}/{service.name}", self._namespace)
-                self._declare("SS", full, ros.type(service.kind), topics.PARAMETERS)
+                self._declare("SS", full, service.kind, topics.PARAMETERS)
         self._publish(Row(name), keys.diagnostics(name), robot, self._namespace)
 
     def _within(self, robot: str) -> str:
@@ -136,7 +153,9 @@ class RosNode:
         for topic in (row_input.topic for row_input in row.inputs):
             if _receiver(graph, topic) is row and not topic.by_hand:
                 key, has_source = self._key_of(topic, robot), graph.giver(topic.key) is not None
-                for ros_topic in topics.subscriptions(topic, key, has_source=has_source):
+                received = topics.subscriptions(topic, key, has_source=has_source)
+                # a bridge has one key for all types, and `decode` takes a TwistStamped for a Twist
+                for ros_topic in received[:1] if self._ros.is_bridged else received:
                     self._subscribe(of_robot(topic, robot), robot, ros_topic, namespace)
 
     def _key_of(self, topic: Topic[Any], robot: str) -> str:
@@ -150,9 +169,9 @@ class RosNode:
         messages = String(data=portable_urdf(urdf, meshes)), frames
         for (name, kind), message in zip(topics.DESCRIBED.items(), messages, strict=True):
             full = full_name(name, namespace)
-            key, gid = self._declare("MP", full, self._ros.type(kind.ROS_TYPE), topics.LATCHED)
+            key, gid = self._declare("MP", full, kind.ROS_TYPE, topics.LATCHED)
             publisher = zenoh.ext.declare_advanced_publisher(self._ros.session, key, **CACHED)
-            publisher.put(cdr.encode(message), attachment=protocol.attachment(1, gid))
+            publisher.put(cdr.encode(message), attachment=self._ros.attachment(1, gid))
             self._ros.kept.append(publisher)
 
     def _publish(self, row: Row, topic: Topic[Any], robot: str, namespace: str) -> None:
@@ -162,7 +181,7 @@ class RosNode:
         odom_tf = self._ros.config.ros_odom_tf
         for ros_topic in topics.publications(topic, name, namespace, odom_tf=odom_tf):
             try:
-                ros_type = self._ros.type(registered(ros_topic.kind))
+                ros_type = registered(ros_topic.kind)
             except RosTypeError as error:
                 logger.warning("msg=%r", f"not to be seen in ROS: {error}")
                 continue
@@ -171,7 +190,8 @@ class RosNode:
             publisher = self._ros.session.declare_publisher(
                 key, congestion_control=zenoh.CongestionControl.DROP
             )
-            match = partial(_match, self._bus.queue, listeners, _sender(publisher, gid, ros_topic))
+            send = _sender(publisher, partial(self._ros.attachment, gid=gid), ros_topic)
+            match = partial(_match, self._bus.queue, listeners, send)
             self._ros.kept += publisher, publisher.declare_matching_listener(direct(match))
 
     def _subscribe(
@@ -179,7 +199,7 @@ class RosNode:
     ) -> None:
         """Publish samples from ROS on the plain key, without a stamp."""
         name = full_name(ros_topic.name, namespace)
-        ros_type = self._ros.type(registered(ros_topic.kind))
+        ros_type = registered(ros_topic.kind)
         key, source = self._ros.key(name, ros_type), join_key(f"ros2/{ros_topic.name}", robot)
 
         def read(sample: zenoh.Sample) -> Message:
@@ -187,7 +207,7 @@ class RosNode:
                 raise RefusedError(f"payload of more than {topic.max_bytes} bytes")
             if str(sample.key_expr) != key:
                 raise RefusedError("put on another key expression")
-            protocol.sequence_and_gid(sample)  # ROS sends and accepts no sample without it
+            self._ros.sequence_and_gid(sample)  # ROS sends and accepts no sample without it
             payload = sample.payload.to_bytes()
             message: Message = ros_topic.convert(cdr.decode(payload, ros_topic.kind))
             refuse_implausible(topic.name, message)
@@ -207,7 +227,8 @@ class RosNode:
             key, receive, allowed_origin=zenoh.Locality.REMOTE
         )
         self._ros.kept.append(subscriber)
-        self._declare("MS", name, ros_type)
+        if not self._ros.is_bridged:  # which takes any type from ROS, unless a token names one
+            self._declare("MS", name, ros_type)
 
     def _serve_parameters(self, node: str, robot: str) -> None:
         """Answer the services for the parameters of a node, whichever process it is in."""
@@ -236,11 +257,11 @@ class RosNode:
         answer: Callable[[Message, Respond], None],
     ) -> None:
         """Answer requests on the bus's thread; count those without rmw_zenoh's attachment."""
-        key = self._ros.key(full_name(name, namespace), self._ros.type(service.kind))
+        key = self._ros.key(full_name(name, namespace), service.kind)
 
         def take(query: zenoh.Query) -> None:
             try:
-                sequence, gid = protocol.sequence_and_gid(query)
+                sequence, gid = self._ros.sequence_and_gid(query)
             except RefusedError as refusal:
                 self._bus.refuse(join_key(f"ros2/{name}", self._robot), str(refusal))
                 query.drop()  # type: ignore[no-untyped-call]
@@ -248,7 +269,7 @@ class RosNode:
 
             def respond(message: Message) -> None:
                 with query:
-                    attachment = protocol.attachment(sequence, gid)
+                    attachment = self._ros.attachment(sequence, gid)
                     query.reply(key, cdr.encode(message), attachment=attachment)
 
             payload = b"" if query.payload is None else query.payload.to_bytes()
@@ -268,27 +289,32 @@ class RosNode:
 
         A client may use a subscription or a service as soon as ROS sees it. So declare it first.
         """
-        node = self._token(next(self._ros.numbers), kind)
-        token = f"{node}/{protocol.mangled(name)}/{ros_type}/{qos}"
+        end = f"{protocol.mangled(name)}/{self._ros.type(ros_type)}/{qos}"
+        if self._ros.is_bridged:
+            end = protocol.bridge_token(kind, name, ros_type, qos)
+        token = f"{self._token(next(self._ros.numbers), kind)}/{end}"
         self._ros.declare_token(token)
         return self._ros.key(name, ros_type), protocol.gid_of(token)
 
     def _token(self, number: int, kind: str) -> str:
-        """Return the liveliness token of the node, or the beginning of that of an endpoint."""
+        """Return the liveliness token of the node or bridge, or the beginning of an endpoint's."""
         session, namespace = self._ros.session.info.zid(), protocol.mangled(self._namespace)
+        if self._ros.is_bridged:
+            return f"@/{session}/{protocol.ADMIN}"
         place = f"{self._ros.config.ros_domain_id}/{session}/{self._number}/{number}"
         return f"{protocol.ADMIN}/{place}/{kind}/%/{namespace}/{self._name}"
 
 
-def _sender(publisher: zenoh.Publisher, gid: bytes, ros_topic: RosTopic) -> Send:
+def _sender(
+    publisher: zenoh.Publisher, attach: Callable[[int], bytes | None], ros_topic: RosTopic
+) -> Send:
     """Return a function that publishes messages in ROS, except those from outside (no stamp)."""
     sequence = count(1)
 
     def send(message: Message, stamp: Stamp | None) -> None:
         converted = None if stamp is None else ros_topic.convert(message)
         if converted is not None:
-            attachment = protocol.attachment(next(sequence), gid)
-            publisher.put(cdr.encode(converted), attachment=attachment)
+            publisher.put(cdr.encode(converted), attachment=attach(next(sequence)))
 
     return send
 

@@ -1,4 +1,4 @@
-"""The protocol of rmw_zenoh: keys, liveliness tokens and attachments.
+"""The protocol of rmw_zenoh: keys, liveliness tokens and attachments; the tokens of the DDS bridge.
 
 From the sources of ros2/rmw_zenoh: `liveliness_utils.cpp`, `attachment_helpers.cpp`. Keys,
 tokens and attachments are one format from Jazzy to Lyrical; Humble differs in the type hash.
@@ -22,6 +22,7 @@ from mecazen.row import Row
 
 from mecazen_ros.services import OF_NODE, OF_SIMULATION
 from mecazen_ros.topics import DESCRIBED, name_of, publications, subscriptions
+from mecazen_ros.types import type_hash
 
 ADMIN = "@ros2_lv"
 """The first chunk of every liveliness token."""
@@ -61,6 +62,20 @@ def gid_of(token: str) -> bytes:
 def mangled(name: str) -> str:
     """Return a full name as a part of a token."""
     return "%" + name.replace("/", "%")
+
+
+def bridge_token(kind: str, key: str, ros_type: str, qos: str) -> str:
+    """Return the end of a token for zenoh-bridge-ros2dds, of a publisher (MP) or a service (SS).
+
+    From its `liveliness_mgt.rs`: reliability and durability have the numbers of DDS, with 1 for
+    reliable and for transient local, and the user data have the hash of the type.
+    """
+    reliability, durability, history, *_ = qos.split(":")
+    parts = [kind, key, ros_type]
+    if kind == "MP":
+        hashed = f"typehash={type_hash(ros_type)};"
+        parts.append(f":{int(not reliability)}:{int(bool(durability))}:0{history}:{hashed}")
+    return "/".join(part.replace("/", "§") for part in parts)
 
 
 def dds_type(name: str) -> str:

@@ -1,7 +1,8 @@
-"""What rmw_zenoh reads: liveliness tokens, data keys, QoS and attachments.
+"""What rmw_zenoh reads: liveliness tokens, data keys, QoS and attachments; the DDS bridge's tokens.
 
 Written from ros2/rmw_zenoh: `liveliness_utils.cpp` (Entity::make, keyexpr_to_qos, TopicInfo) and
-`attachment_helpers.cpp`; names from ROS 2's design. Text outside the grammar raises ValueError.
+`attachment_helpers.cpp`, and from zenoh-plugin-ros2dds, `liveliness_mgt.rs`; names from ROS 2's
+design. Text outside the grammar raises ValueError.
 """
 
 import re
@@ -24,6 +25,12 @@ TOKEN = re.compile(
     f"%/(?P<namespace>%|(?:%{BASE})+)/(?P<node>{BASE})"
     # a topic or a service, which a node itself does not have
     f"(?(end)/(?P<name>(?:%{BASE})+)/{DDS}/{HASH}/{QOS})"
+)
+
+BRIDGE = re.compile(
+    "@/[1-9a-f][0-9a-f]*/@ros2_lv/(?P<kind>MP|SS)/(?P<key>[^/]+)/(?P<type>[^/]+)"
+    # keyless: reliability: durability: history, depth: user data, of publishers only
+    f"(?:/:[01]:(?P<durability>[01]):0,[1-9][0-9]*:typehash={HASH};)?"
 )
 
 
@@ -81,6 +88,14 @@ def token(text: str) -> Entity:
     return Entity(
         part["zid"], int(part["node_id"]), number, kind, *node, data, part["durability"] == "1"
     )
+
+
+def bridge_token(text: str) -> tuple[str, str, str, str | None]:
+    """Read kind, key, type and durability of a token of the bridge."""
+    part = _matched(BRIDGE, text)
+    if (part["kind"] == "MP") != (part["durability"] is not None):
+        raise ValueError(f"not of the grammar: {text}")
+    return part["kind"], *(part[n].replace("§", "/") for n in ("key", "type")), part["durability"]
 
 
 def key(text: str) -> Data:

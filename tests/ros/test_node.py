@@ -9,17 +9,18 @@ import pytest
 import zenoh
 from harness import wait
 from mecazen import keys
-from mecazen.bus.session import session_config
+from mecazen.bus.session import OPERATOR, open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
-from mecazen.errors import ConfigError
+from mecazen.errors import BusError, ConfigError
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Odometry, SimState, String, Twist, Vector3
 from mecazen.wire import Stamp
 from mecazen_ros import cdr
 from mecazen_ros.node import RosNode, RosSession
-from mecazen_ros.types import message
+from mecazen_ros.types import definition, message
 from ros import grammar
+from rosbags.typesys import Stores, get_typestore
 
 URDF = '<robot name="r"><link name="base_link"/></robot>'
 GOOD = cdr.encode(Twist())
@@ -103,6 +104,63 @@ def test_ros_is_met_at_a_router_that_links_no_peers(host, raw_node, name, free_p
     with zenoh.open(settings):
         host("controller", "", f"bus.ros_connect=['{endpoint}']")
         assert "controller" in {entity.node for entity in raw_node(endpoint).entities(name)}
+
+
+@pytest.fixture
+def bridge(free_port):
+    """A router without mecazen, as zenoh-bridge-ros2dds is one; its endpoint."""
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    with open_session(BusConfig(connect=(endpoint,)), "router"):
+        yield endpoint
+
+
+def test_behind_a_dds_bridge_samples_are_plain_cdr(host, raw_node, name, bridge):
+    bus, commands = host("controller", "", f"bus.ros_bridge=['{bridge}']")
+    node = raw_node(bridge)
+    samples = node.subscribe(f"{name}/odom")
+    wait(bus, lambda: bus.listeners(keys.ODOM))
+    bus.publisher(keys.ODOM).put(Odometry(child_frame_id="base_link"), Stamp(1, 1, 0))
+    wait(bus, lambda: samples)
+    payload, attached = samples[0].payload, samples[0].attachment
+    odometry = grammar.message(payload, Odometry.ROS_TYPE, definition(Odometry))
+    assert (odometry["child_frame_id"], attached) == (f"{name}/base_link", b"")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    make = {kind.rpartition("/")[2]: store.types[kind] for kind in store.types}
+    for x, stamped in ((0.25, False), (0.5, True)):
+        sent = make["Twist"](make["Vector3"](x, 0.0, 0.0), make["Vector3"](0.0, 0.0, 0.0))
+        if stamped:
+            sent = make["TwistStamped"](make["Header"](make["Time"](1, 2), "base_link"), sent)
+        payload = store.serialize_cdr(sent, sent.__msgtype__).tobytes()
+        put = partial(node.put, f"{name}/cmd_vel", payload, attachment=None)
+        command = keys.CMD_VEL, Twist(Vector3(x))
+        wait(bus, lambda put=put, command=command: put() or command in commands)
+    assert not bus.refused
+
+
+def test_a_dds_bridge_learns_of_topics_and_services(host, raw_node, name, bridge):
+    bus, _ = host("physics", "", f"bus.ros_bridge=['{bridge}']")
+    node = raw_node(bridge)
+    found = node.session.liveliness().get("@/*/@ros2_lv/*/**")
+    tokens = {grammar.bridge_token(str(reply.ok.key_expr)) for reply in found}
+    trigger, frames = "std_srvs/srv/Trigger", "tf2_msgs/msg/TFMessage"
+    assert ("SS", f"{name}/sim/reset", trigger, None) in tokens
+    assert ("MP", f"{name}/joint_states", "sensor_msgs/msg/JointState", "0") in tokens
+    assert ("MP", "clock", "rosgraph_msgs/msg/Clock", "0") in tokens
+    assert ("MP", "tf_static", frames, "1") in tokens
+    latched = node.subscribe("tf_static", latched=True)
+    wait(bus, lambda: latched)
+    replies = []
+    request = {"payload": b"\0\1\0\0\0", "attachment": b"rqh" + bytes(17)}  # as the bridge's
+    node.session.get(f"{name}/sim/reset", replies.append, **request)
+    wait(bus, lambda: replies)
+    response = cdr.decode(replies[0].ok.payload.to_bytes(), message(f"{trigger}_Response"))
+    assert response.success
+
+
+def test_a_missing_dds_bridge_is_named(free_port):
+    config = BusConfig(ros_bridge=(f"tcp/127.0.0.1:{free_port}",))
+    with pytest.raises(BusError, match="is zenoh-bridge-ros2dds running"):
+        RosSession(config, OPERATOR, None, None)
 
 
 def test_humble_has_no_hashes_and_another_domain_is_found(host, node, name):

@@ -276,9 +276,16 @@ def _is_loopback(address: str) -> bool:
 
 
 def open_session(
-    config: BusConfig, mode: Mode, name: str = OPERATOR, **options: Any
+    config: BusConfig,
+    mode: Mode,
+    name: str = OPERATOR,
+    *,
+    server: str = "`mecazen up`",
+    **options: Any,
 ) -> zenoh.Session:
     """Open a Zenoh session; the arguments are those of `session_config`.
+
+    `server` is the program that a client finds at its endpoints.
 
     Raises:
         BusError: A port is taken, or a client finds no router.
@@ -297,9 +304,7 @@ def open_session(
             ) from None
         if mode == "client" and "Unable to connect" in reason:
             keys = "" if config.keys is None else f", with certificates of {config.keys}"
-            raise BusError(
-                f"nothing answers at {endpoints}: is `mecazen up` running{keys}?"
-            ) from None
+            raise BusError(f"nothing answers at {endpoints}: is {server} running{keys}?") from None
         action = f"listen on {endpoints}" if mode == "router" else "open the Zenoh session"
         raise BusError(f"can't {action}: {reason}") from None
 

@@ -47,6 +47,9 @@ class BusConfig(Section):
     """Domain of ROS 2, as the variable ROS_DOMAIN_ID sets it."""
     ros_connect: tuple[str, ...] | None = None
     """Endpoints of `rmw_zenohd`, if it runs beside mecazen's router; left out: `connect`."""
+    ros_bridge: tuple[str, ...] | None = None
+    """Endpoints of a `zenoh-bridge-ros2dds`, for ROS on DDS: its keys and plain CDR take the place
+    of rmw_zenoh's protocol. Implies `ros2`."""
     ros_odom_tf: bool = True
     """Whether ROS sees the odometry on `/tf` as well; false if a filter such as robot_localization
     publishes that transform."""
@@ -55,12 +58,23 @@ class BusConfig(Section):
     receives from no other distribution."""
 
     def __post_init__(self) -> None:
-        for name in ("connect", "listen", "ros_connect"):
+        for name in ("connect", "listen", "ros_connect", "ros_bridge"):
             endpoints = getattr(self, name) or ()
             if any("://" in endpoint for endpoint in endpoints):
                 # the form of a URL, tcp://host:port, is Zenoh's tcp/host:port
                 written = tuple(endpoint.replace("://", "/", 1) for endpoint in endpoints)
                 msgspec.structs.force_setattr(self, name, written)
+        if self.ros_bridge:
+            msgspec.structs.force_setattr(self, "ros2", True)
+            if self.ros_connect:
+                raise ValueError("ros_bridge and ros_connect: ROS is reached by one of them")
+            own = [name.replace("127.0.0.1", "localhost") for name in self.router_endpoints or ()]
+            for endpoint in self.ros_bridge:
+                if endpoint.replace("127.0.0.1", "localhost") in own:
+                    raise ValueError(
+                        f"ros_bridge: {endpoint} is mecazen's own router, where the same keys have "
+                        "JSON; connect needs another port"
+                    )
         if self.ros2 and re.search(r"(^|/)[^A-Za-z_]|-", self.namespace or ""):
             raise ValueError(
                 f"ros2: {self.namespace!r} can't be a namespace in ROS, whose names have letters, "
