@@ -137,6 +137,41 @@ def test_two_programs_on_a_key_are_named(stack, programs, tmp_path):
         assert pub.stderr.startswith("warning: cmd_vel: 3 programs publish, ")
 
 
+def test_commands_that_no_service_reads_are_named(stack, programs, tmp_path):
+    running = stack(SCENARIOS / "back.toml", "sim.mode=real_time")
+    running.start()
+    namespace = running.scenario.bus.namespace
+    silent = PLAIN.replace("declare_publisher(sys.argv[2])", "get").replace(
+        "publisher.put(", "session.put(sys.argv[2], "
+    )
+    for name, source in (("plain.py", PLAIN), ("silent.py", silent)):
+        (tmp_path / name).write_text(source)
+    declared = programs(tmp_path / "plain.py", running.endpoint, "rt/cmd_vel")
+    putting = programs(tmp_path / "silent.py", running.endpoint, f"{namespace}/robot1/cmd_vel")
+    warning = f"no service reads this key, only {namespace}/cmd_vel (publisher: "
+    lines = [
+        f"rt/cmd_vel: {warning}pid {declared.pid}: ",
+        f"{namespace}/robot1/cmd_vel: {warning}",
+    ]
+    with closing(ZenohBus(running.scenario.bus, "client")) as tool:
+        diagnostics = Diagnostics(tool, closely=True)
+
+        def are_named():
+            putting.stdin.write("\n")
+            putting.stdin.flush()
+            tool.drain()
+            contests = "\n".join(diagnostics.contests())
+            return all(line in contests for line in lines)
+
+        running.wait(are_named)
+        options = tools(running.scenario.bus)
+        assert f"warning: {lines[0]}" in mecazen(*options, "topics", "--live").stderr
+        pub = mecazen(*options, "pub", "robot1/cmd_vel", "{}")
+        assert pub.stderr == f"warning: {lines[1].partition(' (')[0]}\n"
+        declared.kill()
+        running.wait(lambda: lines[0] not in "\n".join(diagnostics.contests()))
+
+
 def test_a_process_of_plain_zenoh_follows(stack, programs, tmp_path):
     example = ROOT / "examples" / "new" / "my_process.py"
     assert example.read_text().strip() in (ROOT / "docs" / "process.md").read_text()

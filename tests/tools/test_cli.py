@@ -88,6 +88,7 @@ def test_samples_are_written_and_read_as_json(monkeypatch):
     bus = SimpleNamespace(
         alive=set,
         call=refuse,
+        prefix="",
         router_entries=dict,
         put_bytes=lambda *sample: samples.append(sample),
         subscribe_bytes=lambda _, handler: handlers.append(handler),

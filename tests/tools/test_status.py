@@ -53,10 +53,12 @@ class Net:
             raise BusError("no answer")
         return self._sim if call is SIM_STATE else SCENARIO
 
+    prefix, router_entries = "", dict
+
     def drain(self):
         pass
 
-    def subscribe_bytes(self, key, handler, *_):
+    def subscribe_bytes(self, key, handler, **_):
         self.handlers[key] = handler
 
     def report(self, service, values):

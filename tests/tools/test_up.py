@@ -86,13 +86,18 @@ def test_an_interrupt_in_a_destructor_is_not_lost():
 @pytest.fixture
 def report():
     """Return a function by which a service reports; it returns the overview."""
-    bus = SimpleNamespace(subscribe_bytes=lambda _, take: setattr(bus, "take", take))
+    handlers = []
+    bus = SimpleNamespace(
+        subscribe_bytes=lambda _, handler, **__: handlers.append(handler),
+        prefix="",
+        router_entries=dict,
+    )
     diagnostics = Diagnostics(bus)
 
     def take(service="", **values):
         pairs = tuple(m.KeyValue(key=key, value=str(value)) for key, value in values.items())
         array = m.DiagnosticArray(status=(m.DiagnosticStatus(name=service, values=pairs),))
-        bus.take(f"diagnostics/{service}", encode(array), "", None)
+        handlers[0](f"diagnostics/{service}", encode(array), "", None)
         return overview(diagnostics, load_scenario(scenario_path("back")))[1]
 
     return take

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from mecazen.bus.base import UNNAMED
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import LIVELINESS
-from mecazen.graph import SERVICES
+from mecazen.keys import TOPICS, Topic, resolve
 from mecazen.text import shortened
 
 DECLARED = ("publisher", "token", "subscriber", "queryable", "querier")
@@ -29,9 +30,12 @@ class Programs:
 
     def __init__(self, bus: ZenohBus | None = None) -> None:
         self.publishers: defaultdict[str, list[str]] = defaultdict(list)
-        """Zenoh ids of the declared publishers of each key."""
+        """Zenoh ids of the declared publishers of each key, in and outside the namespace."""
+        self._subscribers: defaultdict[str, list[str]] = defaultdict(list)
+        self._prefix = bus.prefix if bus else ""
         self._names = {UNNAMED: "a program that declares no publisher"}
         self._services: defaultdict[str, list[str]] = defaultdict(list)
+        self._nodes: set[str] = set()
         self._addresses: dict[str, str] = {}
         declared: set[str] = set()
         for entry, payload in bus.router_entries().items() if bus else ():
@@ -46,8 +50,12 @@ class Programs:
                 declared.update(programs)
                 if kind == "publisher":
                     self.publishers[key] += programs
-                robot, is_token, service = key.rpartition(f"{LIVELINESS}/")
-                if is_token and service in SERVICES:
+                elif kind == "subscriber" and "*" not in key:
+                    self._subscribers[key] += programs
+                name = key.removeprefix(self._prefix)
+                robot, is_token, service = name.rpartition(f"{LIVELINESS}/")
+                if is_token and "/" not in service:
+                    self._nodes.add(service)
                     for program in programs:
                         self._services[program].append(f"{robot}{service}")
         self._silent = [program for program in self._addresses if program not in declared]
@@ -72,7 +80,8 @@ class Programs:
             senders: The programs whose samples have arrived, see `Bus.senders`; left out: all that
                 have declared a publisher.
         """
-        declared = [program for program in self.publishers[key] if program not in self._services]
+        programs = self.publishers.get(self._prefix + key, ())
+        declared = [program for program in programs if program not in self._services]
         active = [program for program in senders if program != UNNAMED] if senders else declared
         if UNNAMED in senders:
             tool = f"pid {os.getpid()}:"
@@ -80,6 +89,48 @@ class Programs:
             unnamed = [program for program in declared if program not in active]
             active += unnamed or (silent if len(silent) == 1 else [UNNAMED])
         return [self.name(program) for program in active]
+
+    def unread(self, key: str) -> str | None:
+        """Return the warning that no service reads commands on a key such as `rt/cmd_vel`.
+
+        Keys are those outside the namespace. None: it is read, or no command has such a key.
+        """
+        topic = self._commanded(key)
+        if topic is None:
+            return None
+        read = [
+            name
+            for name, programs in self._subscribers.items()
+            # in ROS, services have sessions without a token, and keys with a type
+            if self._commanded(name) is topic and ("::" in name or self._services.keys() & programs)
+        ]
+        if key in read or not read:
+            return None
+        alike = [name for name in read if ("::" in name) == ("::" in key)]
+        hint = "" if alike else "; ROS needs `mecazen up --ros2`"
+        names = ", ".join(map(shortened, sorted(alike or read)))
+        return f"{shortened(key)}: no service reads this key, only {names}{hint}"
+
+    def in_vain(self, heard: Iterable[str] = ()) -> list[str]:
+        """Return warnings about programs that publish commands on keys that no service reads.
+
+        `heard` are keys of samples that have arrived, since programs need not declare a publisher.
+        """
+        publishers = {key: [UNNAMED] for key in heard} | self.publishers
+        warnings = []
+        for key, programs in publishers.items():
+            strangers = [program for program in programs if program not in self._services]
+            if strangers and (warning := self.unread(key)):
+                names = " and ".join(self.on(key, strangers))
+                warnings.append(f"{warning} (publisher: {names})")
+        return warnings
+
+    def _commanded(self, key: str) -> Topic[Any] | None:
+        """Return the open topic that a key names with a prefix or in rmw_zenoh's form, or None."""
+        name = key.rsplit("/", 2)[0] if "::" in key else key  # domain/name/type/hash
+        prefix, topic = resolve(name, TOPICS)
+        is_output = prefix.rpartition("/")[2] in self._nodes  # as follower/cmd_vel in ROS
+        return topic if topic is not None and topic.open and not is_output else None
 
 
 def contested(key: str, names: list[str]) -> str:

@@ -99,7 +99,10 @@ class ZenohBus(Bus):
         """The session of each service that alone publishes a topic, by its first sample."""
         self._tokens: list[zenoh.LivelinessToken] = []
         self._config = config
+        self.prefix = f"{config.namespace}/" if config.namespace else ""
+        """Beginning of all keys outside the session's namespace."""
         self._session = open_session(config, mode or config.mode, name)
+        self._outside: zenoh.Session | None = None
 
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         key = self.key_of(topic)
@@ -153,7 +156,7 @@ class ZenohBus(Bus):
             return True
 
         keep = self.keep_every(take) if every else self.keep_newest(take, key)
-        self._declare_subscriber(key, receive, zenoh.Locality.REMOTE)
+        self._declare_subscriber(key, receive, zenoh.Locality.REMOTE, self._session)
 
     def keep_every(self, take: Callable[[ItemT], object]) -> Callable[[ItemT], None]:
         """Return a function for Zenoh's threads: the service's thread takes its items in order."""
@@ -211,26 +214,33 @@ class ZenohBus(Bus):
     def router_entries(self, timeout_s: float = 1.0) -> dict[str, bytes]:
         """Return what the router knows of its clients, publishers and tokens: its admin space.
 
-        Keys begin behind `@/<id>/router`, and are without the namespace.
+        Keys begin behind `@/<id>/router`, and are those of all namespaces.
         """
-        prefix = f"{self._config.namespace}/" if self._config.namespace else ""
-        entries: dict[str, bytes] = {}
-        # admin spaces are in no namespace
-        with open_session(replace(self._config, namespace=None), "client") as session:
-            for reply in session.get(ROUTER_ENTRIES, timeout=timeout_s):
-                if reply.ok is not None:
-                    kind, _, key = str(reply.ok.key_expr).split("/", 3)[-1].partition("/")
-                    if key.startswith(prefix) or not key:
-                        entries[f"{kind}/{key.removeprefix(prefix)}"] = reply.ok.payload.to_bytes()
-        return entries
+        replies = self._outside_namespace().get(ROUTER_ENTRIES, timeout=timeout_s)
+        return {
+            str(reply.ok.key_expr).split("/", 3)[-1]: reply.ok.payload.to_bytes()
+            for reply in replies
+            if reply.ok is not None
+        }
+
+    def _outside_namespace(self) -> zenoh.Session:
+        """Return a session without the namespace, for admin spaces and keys of strangers."""
+        if self._outside is None:
+            config = replace(self._config, namespace=None)
+            self._outside = open_session(config, "client") if self.prefix else self._session
+        return self._outside
 
     def subscribe_bytes(
         self,
         key: str,
         handler: Callable[[str, bytes, str, bytes | None], None],
         backlog_bytes: float = BACKLOG_BYTES,
+        *,
+        outside: bool = False,
     ) -> None:
         """Deliver every sample of a key expression as key, payload, encoding and attachment.
+
+        Keys are in the namespace, or `outside` it.
 
         Samples on keys of ROS are left out, since they repeat other samples. Samples are
         refused if more than `backlog_bytes` would wait.
@@ -262,13 +272,18 @@ class ZenohBus(Bus):
                 self.refuse(key, f"more than {backlog_bytes:.0f} bytes wait", count)
             handler(*sent)
 
-        self._declare_subscriber(key, receive, zenoh.Locality.ANY)
+        session = self._outside_namespace() if outside else self._session
+        self._declare_subscriber(key, receive, zenoh.Locality.ANY, session)
 
     def _declare_subscriber(
-        self, key: str, receive: Callable[[zenoh.Sample], None], origin: zenoh.Locality
+        self,
+        key: str,
+        receive: Callable[[zenoh.Sample], None],
+        origin: zenoh.Locality,
+        session: zenoh.Session,
     ) -> None:
         try:
-            self._session.declare_subscriber(key, direct(receive), allowed_origin=origin)
+            session.declare_subscriber(key, direct(receive), allowed_origin=origin)
         except zenoh.ZError as error:
             raise BusError(f"{key!r} is not a key expression: {reason_of(error)}") from None
 
@@ -397,6 +412,8 @@ class ZenohBus(Bus):
 
     def close(self) -> None:
         try:
+            if self._outside is not None:
+                self._outside.close()  # type: ignore[no-untyped-call]
             self._session.close()  # type: ignore[no-untyped-call]
         except zenoh.ZError as error:
             # another process is frozen; the reason for which the caller exits stays visible

@@ -142,7 +142,7 @@ def topics(
     loaded = DEFAULTS if scenario is None else load(scenario, None)
     nodes = Graph(GRAPH) if scenario is None else graph_of(loaded)
     renamed = {} if scenario is None else loaded.of(loaded.names[0]).renamed
-    rates, publishers = _live(context, nodes, renamed) if live else ({}, {})
+    rates, publishers, warnings = _live(context, nodes, renamed) if live else ({}, {}, [])
     names = ["message", "rate", "from", "meaning", *(["Hz now", "publishers"] if live else [])]
     table = Table(Column("key", no_wrap=True), *(Column(name, overflow="fold") for name in names))
     for key, message, rate, *cells in topic_rows(nodes, renamed):
@@ -153,18 +153,22 @@ def topics(
     for key, message, *cells in call_rows(nodes):
         table.add_row(*map(Text, (key, message.replace("/msg", ""), *cells)))
     print_table(table, 200)
+    for warning in warnings:
+        typer.echo(f"warning: {warning}", err=True)
 
 
 def _live(
     context: typer.Context, nodes: Graph, renamed: Mapping[str, str]
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Return rates and publishers on a bus by key, a line for each robot."""
+) -> tuple[dict[str, str], dict[str, str], list[str]]:
+    """Return rates and publishers on a bus by key, a line for each robot, and warnings."""
     topics = {topic.key: topic for topic in (*nodes.topics, *TOPICS)}.values()
     known = [replace(topic, key=renamed.get(topic.key, topic.key)) for topic in topics]
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     """Number of samples by key, without the robot's name, and by robot."""
+    heard: dict[str, None] = {}
 
     def count(key: str, *_: object) -> None:
+        heard[f"{bus.prefix}{key}"] = None
         robot, topic = resolve(key, known)
         if topic is not None:
             counts[topic.key][robot] += 1
@@ -175,8 +179,8 @@ def _live(
         receive(bus, LIVE_S)
         programs = Programs(bus)
         for key, ids in programs.publishers.items():
-            robot, topic = resolve(key, known)
-            if topic is not None:
+            robot, topic = resolve(key.removeprefix(bus.prefix), known)
+            if topic is not None and key.startswith(bus.prefix):
                 names = " and ".join(map(programs.name, ids))
                 publishers[topic.key].append(f"{robot} {names}".strip())
     rates = {
@@ -185,4 +189,5 @@ def _live(
         )
         for key, counter in counts.items()
     }
-    return rates, {key: "\n".join(sorted(lines)) for key, lines in publishers.items()}
+    shown = {key: "\n".join(sorted(lines)) for key, lines in publishers.items()}
+    return rates, shown, programs.in_vain(heard)

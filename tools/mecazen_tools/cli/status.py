@@ -31,6 +31,8 @@ from mecazen_tools.publishers import Programs, contested
 from mecazen_tools.strays import scenario_at
 
 REFRESH_S = 0.5
+UNREAD_S = 5.0
+"""Time between looks for commands that no service reads, and for which one is remembered [s]."""
 ANSWER_S = 0.5
 """Timeout of a query to the clock; a physics that is gone does not answer [s]."""
 SCREEN_WIDTH = 120
@@ -92,7 +94,8 @@ class Status(msgspec.Struct, frozen=True):
 class Diagnostics:
     """The newest report of each service, by the name in its key, which access control guards."""
 
-    def __init__(self, bus: ZenohBus) -> None:
+    def __init__(self, bus: ZenohBus, *, closely: bool = False) -> None:
+        """Subscribe; `closely` to commands with any prefix too, at a cost if there is a guard."""
         self._bus = bus
         self.reports: dict[str, Report] = {}
         self.time_s = 0.0
@@ -103,7 +106,13 @@ class Diagnostics:
         """The services of the scenario, once its clock answers `status`."""
         self._network, self._asked_s = Programs(), -math.inf
         """The programs at the router, and the time of its answer [s]."""
+        self._heard: dict[str, float] = {}
+        """Time of the newest command on a key with a prefix [s], whether it is read or not."""
         bus.subscribe_bytes(f"**/{keys.diagnostics('*').key}", self._take)
+        command = keys.CMD_VEL.key
+        strange = [f"rt/**/{command}", *([command] if bus.prefix else [])]
+        for expression in [*strange, *([f"{bus.prefix}*/**/{command}"] if closely else [])]:
+            bus.subscribe_bytes(expression, self._hear, outside=True)
 
     def age_s(self, service: str) -> float:
         """Return the wall time since a service's newest report, or without one since the start."""
@@ -158,14 +167,18 @@ class Diagnostics:
             for name, ids in report.items():
                 if name.startswith(PUBLISHERS):
                     senders[name.removeprefix(PUBLISHERS)].update(ids.split())
-        if senders and time.monotonic() - self._asked_s > REFRESH_S:
-            self._network, self._asked_s = Programs(self._bus), time.monotonic()
+        if time.monotonic() - self._asked_s > (REFRESH_S if senders else UNREAD_S):
+            self._asked_s = time.monotonic()
+            with suppress(BusError):  # the router is starting or gone
+                self._network = Programs(self._bus)
         return {key: self._network.on(key, ids) for key, ids in senders.items()}
 
     def contests(self) -> tuple[str, ...]:
-        """Return warnings about keys on which several programs publish."""
-        programs = self.programs().items()
-        return tuple(contested(key, names) for key, names in programs if len(names) > 1)
+        """Return warnings about keys that several programs publish on, or that no service reads."""
+        programs, now_s = self.programs().items(), time.monotonic()
+        contests = [contested(key, names) for key, names in programs if len(names) > 1]
+        self._heard = {k: at_s for k, at_s in self._heard.items() if now_s - at_s < UNREAD_S}
+        return (*contests, *self._network.in_vain(self._heard))[:WARNINGS]
 
     def drives(self) -> dict[str, str]:
         """Return who drives each robot, by its name; empty for a robot at rest."""
@@ -182,6 +195,10 @@ class Diagnostics:
         """Return whether each service of the scenario that is alive has reported."""
         alive = [part for part in self._parts if status.services[part].state != "gone"]
         return self.reports.keys() >= set(alive)
+
+    def _hear(self, key: str, *_: object) -> None:
+        if len(self._heard) < WARNINGS:
+            self._heard[key] = time.monotonic()
 
     def _take(self, key: str, payload: bytes, encoding: str, _: bytes | None) -> None:
         try:
@@ -304,7 +321,7 @@ def status(
     """
     out = console(SCREEN_WIDTH)
     with tool_bus(context) as bus:
-        diagnostics = Diagnostics(bus)
+        diagnostics = Diagnostics(bus, closely=True)
         newest = diagnostics.status()
         if not newest.services:
             where = (context.obj.connect or ("the router",))[0]

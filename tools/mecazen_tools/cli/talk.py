@@ -93,8 +93,11 @@ def pub(
         raise ConfigError("--duration needs --rate")
     with _bus_for(context, key) as bus:
         _warn(ignored(bus, key))
-        if (topic := topic_of(key)) is not None and topic.open and (names := Programs(bus).on(key)):
-            _warn(contested(key, [*names, "this one"]))
+        if (topic := topic_of(key)) is not None and topic.open:
+            programs = Programs(bus)
+            _warn(programs.unread(f"{bus.prefix}{key}"))
+            if names := programs.on(key):
+                _warn(contested(key, [*names, "this one"]))
         begin_s, sent = time.monotonic(), 0
         while True:
             bus.put_bytes(key, payload, JSON_ENCODING)
