@@ -57,7 +57,7 @@ WRONG = [
     ("[bus]\nzenoh_config = 'x'", (), f"{TEST}: bus.zenoh_config: scenarios/x: no such file"),
     ("[bus]\nkeys = 'x'", (), f"{TEST}: bus.keys: scenarios/x: no such folder"),
     ("[bus]\nros2 = true\nnamespace = '1'", (), f"{TEST}: bus: ros2: '1' can't be a namespace in"),
-    (f"[bus]\n{BRIDGE}", (), f"{TEST}: bus: ros_bridge: tcp/localhost:7447 is mecazen's own rou"),
+    (f"[bus]\n{BRIDGE}", (), f"{TEST}: bus: ros_bridge: this is mecazen's own router, where th"),
     (f"[bus]\n{BRIDGE}\nros_connect = ['tcp/r:1']", (), f"{TEST}: bus: ros_bridge and ros_connec"),
     ("[viewer]\nweb_port = 80\ndata_port = 80", (), f"{TEST}: viewer: web_port and data_port must"),
     ("[sensor]\nocclusions_s = [[1.0]]", (), f"{TEST}: sensor.occlusions_s.0: got [1.0]; allowed"),

@@ -68,13 +68,12 @@ class BusConfig(Section):
             msgspec.structs.force_setattr(self, "ros2", True)
             if self.ros_connect:
                 raise ValueError("ros_bridge and ros_connect: ROS is reached by one of them")
-            own = [name.replace("127.0.0.1", "localhost") for name in self.router_endpoints or ()]
-            for endpoint in self.ros_bridge:
-                if endpoint.replace("127.0.0.1", "localhost") in own:
-                    raise ValueError(
-                        f"ros_bridge: {endpoint} is mecazen's own router, where the same keys have "
-                        "JSON; connect needs another port"
-                    )
+            ends = " ".join(self.router_endpoints or ()).replace("localhost", "127.0.0.1").split()
+            if any(end.replace("localhost", "127.0.0.1") in ends for end in self.ros_bridge):
+                raise ValueError(
+                    "ros_bridge: this is mecazen's own router, where the same keys have JSON; "
+                    "connect needs another port"
+                )
         if self.ros2 and re.search(r"(^|/)[^A-Za-z_]|-", self.namespace or ""):
             raise ValueError(
                 f"ros2: {self.namespace!r} can't be a namespace in ROS, whose names have letters, "

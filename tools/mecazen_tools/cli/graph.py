@@ -15,6 +15,7 @@ from mecazen.graph import GRAPH, Graph
 from mecazen.keys import DIAGNOSTICS, TOPICS, Topic, resolve
 from mecazen.loop import turns_of
 from mecazen.programs import graph_of
+from mecazen.robots import join_key
 from mecazen.row import Row
 from msgspec.structs import fields
 from rich.table import Column, Table
@@ -165,10 +166,8 @@ def _live(
     known = [replace(topic, key=renamed.get(topic.key, topic.key)) for topic in topics]
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     """Number of samples by key, without the robot's name, and by robot."""
-    heard: dict[str, None] = {}
 
     def count(key: str, *_: object) -> None:
-        heard[f"{bus.prefix}{key}"] = None
         robot, topic = resolve(key, known)
         if topic is not None:
             counts[topic.key][robot] += 1
@@ -189,5 +188,6 @@ def _live(
         )
         for key, counter in counts.items()
     }
+    heard = [bus.prefix + join_key(key, name) for key, names in counts.items() for name in names]
     shown = {key: "\n".join(sorted(lines)) for key, lines in publishers.items()}
     return rates, shown, programs.in_vain(heard)
