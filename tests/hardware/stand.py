@@ -101,10 +101,10 @@ class FaultyLine(SerialLine):
 
 
 @contextmanager
-def emulated(damage=0.0, **firmware):
-    """Yield a running emulator of a board on a stand."""
+def emulated(damage=0.0, world=None, **firmware):
+    """Yield a running emulator of a board, on a stand or in a world."""
     line = FaultyLine(damage)
-    emulator = Emulator(line, Stand(), LoggingFirmware(**firmware))
+    emulator = Emulator(line, world or Stand(), LoggingFirmware(**firmware))
     stopped = threading.Event()
     thread = threading.Thread(target=emulator.run, args=(stopped,), daemon=True)
     thread.start()

@@ -11,6 +11,7 @@ from mecazen.geometry import Pose2D
 from mecazen.keys import OBSERVATION, ODOM
 from mecazen.messages import Header, Observation, Pose, PoseWithCovariance
 from mecazen_hardware.checklist import wiring_problem
+from mecazen_hardware.emulator.world import EmulatedWorld, load
 from mecazen_tools.cli.hardware import app
 from mecazen_tools.processes import ProcessError
 from stack import Stack
@@ -46,6 +47,18 @@ def test_a_check_names_swapped_plugs():
         assert "front_right: ok, turned " in done.stdout
         assert "rear_right: its encoder agrees, but it did not" in done.stdout
         assert str(done.exception) == "3 of 4 wheels are wrong; do not drive yet"
+
+
+def test_a_check_names_a_wrong_wiring_in_physics():
+    # without friction wheels turn freely, as off the ground
+    settings = "robot=nexus", "robot.wheels.wiring=[2,1,3,-4]", "world.ground_friction=0"
+    world = EmulatedWorld(load(SCENARIOS / "teleop.toml", settings))
+    with emulated(world=world) as emulator:
+        done = run("check", "--yes", "--port", emulator.line.name)
+    assert "front_left: front_right turned instead" in done.stdout
+    assert "front_right: front_left turned instead" in done.stdout
+    assert "rear_left: ok" in done.stdout
+    assert "rear_right: it counts backwards" in done.stdout
 
 
 def test_a_board_that_falls_silent_ends_the_check():

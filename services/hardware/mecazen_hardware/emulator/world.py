@@ -68,6 +68,9 @@ class EmulatedWorld:
 
     def __init__(self, scenario: Scenario) -> None:
         self._joints = scenario.robot.wheels.joints
+        wiring = enumerate(scenario.robot.wheels.wiring)
+        self._driven = {abs(n) - 1: (wheel, math.copysign(1.0, n)) for wheel, n in wiring}
+        """The wheel that each output drives, and -1 if its poles are swapped."""
         self._battery_v = scenario.sensors.battery.voltage_v
         self._imu = Imu()
         self._ticks = 0
@@ -82,7 +85,8 @@ class EmulatedWorld:
         efforts, drawn = [0.0] * 4, 0.0
         for share, wheel in zip(duty, ORDER, strict=True):
             volts = None if share is None else share * self.measured.volts
-            efforts[wheel], current = motor_torque(volts, self._speeds[wheel])
+            driven, sign = self._driven[wheel]
+            efforts[wheel], current = motor_torque(volts, sign * self._speeds[driven])
             drawn += max(current * (share or 0.0), 0.0)
         self._advance(efforts, drawn)
 
