@@ -148,7 +148,8 @@ class Drive(NamedTuple):
     """The twists (vx, vy, ω) that wheels and controller can follow.
 
     The wheels can follow a twist if |vx| + sideways·|vy| + lever·|ω| <= rim_speed: the left side is
-    the speed of the fastest rim. Without arguments nothing is limited.
+    the speed of the fastest rim, or its bound if base_link is not at the wheels' centre. Without
+    arguments nothing is limited.
     """
 
     rim_speed: float = math.inf
@@ -156,7 +157,7 @@ class Drive(NamedTuple):
     sideways: float = 1.0
     """Speed of a rim per speed along y; 1 with rollers at 45°."""
     lever: float = 0.0
-    """Speed of a rim per yaw rate [m]."""
+    """Speed of the fastest rim per yaw rate [m]."""
     axes: tuple[Limits, Limits, Limits] = (Limits(), Limits(), Limits())
     """The controller's limits of x, y and yaw."""
 
@@ -165,7 +166,7 @@ class Drive(NamedTuple):
         """Return the limits of a scenario's robot: its wheels', and those of its controller."""
         wheels, robot = scenario.robot.wheels, scenario.robot
         rim_speed = wheels.max_speed_rad_s * wheels.radius_m
-        gains = abs(robot.cross_gain), abs(robot.lever)
+        gains = abs(robot.cross_gain), abs(robot.lever) + robot.swing
         return cls(rim_speed, *gains, axis_limits(scenario.controller.limits))
 
     def rims(self, twist: Twist2D) -> float:

@@ -43,7 +43,7 @@ def hub_radius(robot: Robot) -> float:
 def base_link(robot: Robot) -> RobotLink:
     """Return base_link, the root; it has no parent."""
     box = robot.base
-    centre = (0.0, 0.0, box.clearance_m + box.height_m / 2)
+    centre = (*robot.wheels.centre_m, box.clearance_m + box.height_m / 2)
     moments = _box(box.mass_kg, box.length_m, box.width_m, box.height_m)
     identity = np.eye(3)
     return RobotLink(
@@ -60,19 +60,22 @@ def robot_links(robot: Robot) -> tuple[RobotLink, ...]:
     wheels = [_wheel(robot, wheel) for wheel in WHEELS]
     shape = Roller.from_robot(robot)
     sign = math.copysign(1.0, robot.cross_gain)
-    sides = [sign * (-1.0 if wheel in {"front_left", "rear_right"} else 1.0) for wheel in WHEELS]
+    sides = [sign * (-1.0 if number in {1, 4} else 1.0) for number in robot.wheels.mounting]
     rollers = [
         _roller(shape, wheel, side, index)
         for wheel, side in zip(WHEELS, sides, strict=True)
         for index in range(shape.count)
     ]
-    across, along = _cylinder(robot.lidar.mass_kg, *robot.lidar.size_m)
-    fixed = [
-        _attachment("camera", robot.camera, _box(robot.camera.mass_kg, *robot.camera.size_m)),
-        _attachment("lidar", robot.lidar, (across, across, along)),
-    ]
+    fixed = []
+    if (camera := robot.camera) is not None:
+        moments = _box(camera.mass_kg, *camera.size_m)
+        fixed.append(_attachment("camera", camera.frame, camera, moments))
+    if (lidar := robot.lidar) is not None:
+        across, along = _cylinder(lidar.mass_kg, *lidar.size_m)
+        fixed.append(_attachment("lidar", lidar.frame, lidar, (across, across, along)))
     if (load := robot.payload) is not None:
-        fixed.append(_attachment("payload", load, _box(load.mass_kg, *load.size_m)))
+        moments = _box(load.mass_kg, *load.size_m)
+        fixed.append(_attachment("payload", "payload_link", load, moments))
     return (*wheels, *rollers, *fixed)
 
 
@@ -139,11 +142,10 @@ def _roller(roller: Roller, wheel: str, side: float, index: int) -> RobotLink:
 
 
 def _attachment(
-    name: str, part: Attachment | Payload, moments: tuple[float, float, float]
+    name: str, frame: str, part: Attachment | Payload, moments: tuple[float, float, float]
 ) -> RobotLink:
-    link, joint = f"{name}_link", f"{name}_joint"
-    place = part.position_m
-    return RobotLink(link, "base_link", joint, place, np.eye(3), None, part.mass_kg, moments)
+    place, joint = part.position_m, f"{name}_joint"
+    return RobotLink(frame, "base_link", joint, place, np.eye(3), None, part.mass_kg, moments)
 
 
 def _about_y(angle: float) -> Floats:

@@ -2,7 +2,7 @@
 
 All properties of the robot that more than one service needs are here, in SI units
 with the unit in each key. Lengths and positions are in `base_link`: origin on the ground
-below the centre of the four wheels, x forward, y left, z up.
+below the centre of the four wheels, or `wheels.centre_m` away from it; x forward, y left, z up.
 """
 
 from __future__ import annotations
@@ -19,13 +19,16 @@ WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """The order of the wheels in all tuples."""
 WHEEL_JOINTS = tuple(f"{wheel}_wheel_joint" for wheel in WHEELS)
 """Default names of the wheels' joints, in the order of `WHEELS`."""
+LEAST_LEVER = 0.1
+"""Smallest lever of the wheels with which a robot turns, as a share of half the track."""
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 
 Position = Annotated[float, msgspec.Meta(ge=-5.0, le=5.0)]
+Place = Annotated[int, msgspec.Meta(ge=1, le=4)]
 
 
 class Base(Section):
-    """The body between the wheels: a box."""
+    """The body between the wheels: a box about their centre."""
 
     length_m: Length
     width_m: Length
@@ -48,18 +51,28 @@ class Wheels(Section):
     hub_width_m: Length
     max_torque_nm: Positive
     max_speed_rad_s: Positive
+    centre_m: tuple[Position, Position] = (0.0, 0.0)
+    """Centre of the four wheels in base_link. Twists and odometry are those of base_link."""
     joints: Annotated[tuple[Name, ...], msgspec.Meta(min_length=4, max_length=4)] = WHEEL_JOINTS
     """Joints of the front left, front right, rear left and rear right wheel, for all services."""
 
     wiring: tuple[int, int, int, int] = (1, 2, 3, 4)
     """Number of the motor output that drives each wheel in physics, in the order of `WHEELS`;
     negative if its poles are swapped. Another wiring is a fault to find before it is a real one."""
+    mounting: tuple[Place, Place, Place, Place] = (1, 2, 3, 4)
+    """Number of the wheel at each place in physics, in the order of `WHEELS`. Wheels 1 and 4 are
+    alike, as are 2 and 3: with (2, 1, 4, 3) an X is mounted as an O."""
 
     def __post_init__(self) -> None:
         if sorted(map(abs, self.wiring)) != [1, 2, 3, 4]:
             raise ValueError(f"wheels.wiring must have 1 to 4, or negative: {self.wiring}")
         if len(set(self.joints)) != len(self.joints):
             raise ValueError(f"wheels.joints must be four different names: {self.joints}")
+        x, y = map(abs, self.centre_m)
+        if x > self.wheelbase_m / 2 or y > self.track_m / 2:
+            raise ValueError(
+                f"wheels.centre_m = {self.centre_m}: base_link is not between the wheels"
+            )
 
 
 class RealMotors(Section):
@@ -119,9 +132,22 @@ class Attachment(Section):
         return Pose2D(self.position_m[0], self.position_m[1])
 
 
+class LidarMount(Attachment):
+    """A 2D lidar, which stays level."""
+
+    size_m: tuple[Length, Length]
+    frame: Name = "lidar_link"
+    """Its link, and the frame of its scans."""
+
+
 class CameraMount(Attachment):
     """A camera; the optical centre is the centre of the housing, which stays level."""
 
+    size_m: tuple[Length, Length, Length]
+    frame: Name = "camera_link"
+    """Its link."""
+    optical_frame: Name = "camera_depth_optical_frame"
+    """The frame of its images: z ahead, x to the right, y down."""
     pitch_deg: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0
     """Tilt of the view: up is positive, unlike a rotation about y."""
     yaw_deg: AngleDeg = 0.0
@@ -152,8 +178,10 @@ class Robot(Section):
     base: Base
     wheels: Wheels
     rollers: Rollers
-    camera: CameraMount
-    lidar: Attachment
+    camera: CameraMount | None = None
+    """Left out: the robot has none."""
+    lidar: LidarMount | None = None
+    """Left out: the robot has none."""
     payload: Payload | None = None
     motors: RealMotors | None = None
     """None: ideal motors, which follow their commands at once."""
@@ -195,16 +223,16 @@ class Robot(Section):
                 f"rollers.hull_spheres = {roller.hull_spheres} must be odd: "
                 "without a sphere in its middle a roller is too thin there"
             )
-        if abs(self.lever) < 0.1 * self.half_track:
+        if abs(self.lever) < LEAST_LEVER * self.half_track:
             raise ValueError(
                 f"rollers.arrangement = {roller.arrangement!r}: such a robot can hardly turn, as "
                 f"its wheels have a lever of {self.lever:.3g} m; another wheelbase_m, track_m or "
                 "arrangement is needed"
             )
-        if len(self.camera.size_m) != 3:
-            raise ValueError("camera.size_m must be [length, width, height]")
-        if len(self.lidar.size_m) != 2:
-            raise ValueError("lidar.size_m must be [radius, height]")
+        frames = [mount.frame for mount in (self.camera, self.lidar) if mount is not None]
+        frames += ["base_link"] if self.camera is None else ["base_link", self.camera.optical_frame]
+        if len(set(frames)) != len(frames):
+            raise ValueError(f"camera and lidar: each frame must have its own name: {frames}")
         if self.payload is not None:
             lowest = self.payload.position_m[2] - self.payload.size_m[2] / 2
             if lowest < self.base.clearance_m:
@@ -225,7 +253,7 @@ class Robot(Section):
 
     @property
     def footprint(self) -> tuple[float, float]:
-        """Half the length and half the width [m] of a rectangle that holds the robot from above.
+        """Half the length and width [m] of a rectangle about base_link that holds the robot.
 
         A wheel reaches as far as its radius R along x. Along its axle, every point of a roller
         is on a sphere about the roller's axis, of at most the roller's largest radius r, that
@@ -238,9 +266,10 @@ class Robot(Section):
         radius, thickest = self.wheels.radius_m, self.rollers.max_radius_m
         end = math.tan(math.pi / self.rollers.count) / math.tan(self.roller_angle)
         roller = (radius - thickest) * end + thickest
-        length = max(self.half_wheelbase + radius, self.base.length_m / 2)
+        x, y = map(abs, self.wheels.centre_m)
+        length = max(self.half_wheelbase + radius, self.base.length_m / 2) + x
         width = self.half_track + max(roller, radius, self.wheels.hub_width_m / 2)
-        width = max(width, self.base.width_m / 2)
+        width = max(width, self.base.width_m / 2) + y
         if self.payload is not None:
             (x, y, _), (along, across, _) = self.payload.position_m, self.payload.size_m
             length, width = max(length, abs(x) + along / 2), max(width, abs(y) + across / 2)
@@ -273,13 +302,20 @@ class Robot(Section):
 
     @property
     def lever(self) -> float:
-        """Speed of a wheel's rim per yaw rate of the robot [m]."""
+        """Speed of a wheel's rim per yaw rate of the robot about the wheels' centre [m]."""
         return self.half_track + self.cross_gain * self.half_wheelbase
+
+    @property
+    def swing(self) -> float:
+        """Speed of the fastest rim per yaw rate about base_link, in addition to `lever` [m]."""
+        x, y = map(abs, self.wheels.centre_m)
+        return y + abs(self.cross_gain) * x
 
     def wheel_position(self, wheel: str) -> tuple[float, float, float]:
         """Return the centre of `wheel` (a name of `WHEELS`) in base_link [m]."""
-        x = self.half_wheelbase if wheel.startswith("front") else -self.half_wheelbase
-        y = self.half_track if wheel.endswith("left") else -self.half_track
+        x, y = self.wheels.centre_m
+        x += self.half_wheelbase if wheel.startswith("front") else -self.half_wheelbase
+        y += self.half_track if wheel.endswith("left") else -self.half_track
         return x, y, self.wheels.radius_m
 
 

@@ -95,24 +95,25 @@ def build_urdf(robot: Robot, base_frame: str = "base_link") -> str:
     hub = _cylinder(hub_radius(robot), robot.wheels.hub_width_m)
     barrel = ("mesh", {"filename": ROLLER_MESH})
     for link in robot_links(robot):
-        if link.name == "camera_link":
+        if robot.camera is not None and link.name == robot.camera.frame:
             _add_link(root, link, _box(*robot.camera.size_m), "sensor")
-        elif link.name == "lidar_link":
+        elif robot.lidar is not None and link.name == robot.lidar.frame:
             _add_link(root, link, _cylinder(*robot.lidar.size_m), "sensor")
-        elif link.name == "payload_link" and robot.payload is not None:
+        elif robot.payload is not None and link.name == "payload_link":
             _add_link(root, link, _box(*robot.payload.size_m), "payload")
         elif link.parent == "base_link":
             _add_link(root, link, hub, "hub", rpy=(math.pi / 2, 0.0, 0.0))
         else:
             _add_link(root, link, barrel, "roller")
         _add_moving_joint(root, link, robot)
-    # by REP-103: z ahead, x to the right, y down; the housing, camera_link, stays level
-    ahead, left, up = np.array(robot.camera.axes)
-    optical = np.column_stack([-left, -up, ahead])
-    name = "camera_depth_optical_frame"
-    ET.SubElement(root, "link", name=name)
-    joint = _add_joint(root, "camera_depth_optical_joint", "camera_link", name)
-    ET.SubElement(joint, "origin", xyz=_numbers(*ZERO), rpy=_numbers(*_roll_pitch_yaw(optical)))
+    if robot.camera is not None:
+        # by REP-103: z ahead, x to the right, y down; the housing stays level
+        ahead, left, up = np.array(robot.camera.axes)
+        rpy = _roll_pitch_yaw(np.column_stack([-left, -up, ahead]))
+        optical = robot.camera.optical_frame
+        ET.SubElement(root, "link", name=optical)
+        joint = _add_joint(root, "camera_depth_optical_joint", robot.camera.frame, optical)
+        ET.SubElement(joint, "origin", xyz=_numbers(*ZERO), rpy=_numbers(*rpy))
     if base_frame != base.name:
         if base_frame in {link.get("name") for link in root.iterfind("link")}:
             raise ConfigError(

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from mecazen.config import ControllerConfig, Scenario
 from mecazen.drive import LimiterState, LimiterStates, axis_limits, limit_twist
-from mecazen.errors import RefusedError
+from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Twist2D
 from mecazen.messages import JointState
-from mecazen.robot import WHEELS, Robot
+from mecazen.robot import LEAST_LEVER, WHEELS, Robot
 from mecazen.ticks import ROUNDING_S
 
 NO_LENGTHS = ControllerConfig()
@@ -50,7 +50,8 @@ class MecanumKinematics:
     the upper sign for front left and rear right wheels in the arrangement X.
 
     Lengths in metres: the wheels' radius, half the distance between the axles, half the
-    distance between left and right wheels. `cross_gain` is ±cot γ, see `Robot.cross_gain`.
+    distance between left and right wheels, and the wheels' centre in base_link. `cross_gain` is
+    ±cot γ, see `Robot.cross_gain`.
 
     With rollers at 45° the relation is equations (1) to (7) of "Omniwheel Chassis' Model and Plugin
     for Gazebo Simulator", with s_FR = 2 half_wheelbase and s_RL = 2 half_track.
@@ -60,16 +61,29 @@ class MecanumKinematics:
     half_wheelbase: float
     half_track: float
     cross_gain: float = 1.0
+    centre: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def from_robot(cls, robot: Robot, config: ControllerConfig = NO_LENGTHS) -> MecanumKinematics:
-        """Return the kinematics with the lengths of the configuration, else of the robot file."""
-        return cls(
+        """Return the kinematics with the lengths of the configuration, else of the robot file.
+
+        Raises:
+            ConfigError: The wheels of an O with such lengths can't turn the robot.
+        """
+        kinematics = cls(
             config.wheel_radius_m or robot.wheels.radius_m,
             config.half_wheelbase_m or robot.half_wheelbase,
             config.half_track_m or robot.half_track,
             robot.cross_gain,
+            robot.wheels.centre_m,
         )
+        if abs(kinematics.lever) < LEAST_LEVER * kinematics.half_track:
+            raise ConfigError(
+                f"controller.half_track_m = {kinematics.half_track:g}, half_wheelbase_m = "
+                f"{kinematics.half_wheelbase:g}: with rollers.arrangement = 'O' the wheels have a "
+                f"lever of {kinematics.lever:.3g} m, and can hardly turn the robot"
+            )
+        return kinematics
 
     @property
     def lever(self) -> float:
@@ -79,7 +93,9 @@ class MecanumKinematics:
     def inverse(self, twist: Twist2D) -> WheelSpeeds:
         """Return the wheel speeds that move the body with `twist`, given in base_link."""
         r, turn = self.wheel_radius, self.lever * twist.yaw
-        x, y = twist.x, self.cross_gain * twist.y
+        ahead, left = self.centre
+        x = twist.x - left * twist.yaw
+        y = self.cross_gain * (twist.y + ahead * twist.yaw)
         return WheelSpeeds(
             (x - y - turn) / r,
             (x + y + turn) / r,
@@ -90,11 +106,12 @@ class MecanumKinematics:
     def forward(self, speeds: WheelSpeeds) -> Twist2D:
         """Return the body's twist in base_link: the least-squares fit to four speeds."""
         fl, fr, rl, rr = speeds
-        quarter = self.wheel_radius / 4
+        quarter, (ahead, left) = self.wheel_radius / 4, self.centre
+        yaw = (-fl + fr - rl + rr) * quarter / self.lever
         return Twist2D(
-            (fl + fr + rl + rr) * quarter,
-            (-fl + fr + rl - rr) * quarter / self.cross_gain,
-            (-fl + fr - rl + rr) * quarter / self.lever,
+            (fl + fr + rl + rr) * quarter + left * yaw,
+            (-fl + fr + rl - rr) * quarter / self.cross_gain - ahead * yaw,
+            yaw,
         )
 
 

@@ -32,6 +32,8 @@ def sensors(file: Path) -> None:
     settings: dict[str, Any] = {"sensor.also": ["depth"]}
     scenario, (moment,) = record("senses", [SENSES_S], settings)
     robot, camera = scenario.robot, scenario.robot.camera
+    assert camera is not None
+    assert robot.lidar is not None
     x, y, _ = moment.robot
     above = scene.from_above(x + 1.0, y, PANEL_PX, 3.4)
     hits, ends = beams(moment.latest["scan"], robot.lidar.position_m, moment.robot)

@@ -232,6 +232,8 @@ class Stage:
         self.box(pose, size, base.clearance_m, YELLOW)
         for _, draw in wheels[2:]:
             draw()
+        assert lidar is not None
+        assert camera is not None
         x, y, z = lidar.position_m
         radius, height = lidar.size_m
         top = base.clearance_m + base.height_m

@@ -45,6 +45,7 @@ def draw(
 ) -> None:
     """Draw a moment, with a grid round the middle (2,) [m], and the robot's past path."""
     robot = scenario.robot
+    assert robot.lidar is not None
     hits, ends = beams(moment.latest["scan"], robot.lidar.position_m, moment.robot)
     stage.seen(ends)
     stage.ground(middle)

@@ -134,7 +134,7 @@ WRONG = [
         "[robot]\nname = 'x'\nbase = { mass_kg = 1.0 }",
         (),
         f"{TEST}: robot.base.length_m, robot.base.width_m, robot.base.height_m, "
-        "robot.base.clearance_m, robot.wheels, robot.rollers, robot.camera, robot.lidar: missing",
+        "robot.base.clearance_m, robot.wheels, robot.rollers: missing",
     ),
     ("", ("robot.wheels.raduis_m=1",), f"{TEST} with robot.wheels.raduis_m: unknown key; did you"),
     (
@@ -149,7 +149,7 @@ WRONG = [
         f"{TEST} with robot.base.mass_kg: got 12000; allowed: a number > 0 and <= 2000; 12000 "
         "looks like grams",
     ),
-    ("", ("robot.camera.size_m=[1.0]",), f"{TEST} with robot.camera.size_m: robot: camera.size_m"),
+    ("", ("robot.camera.size_m=[1.0]",), f"{TEST} with robot.camera.size_m: got [1.0]; allowed"),
     # several robots
     ("robots = 'one'", (), f"{TEST}: robots: got 'one'; allowed: a list, each a table"),
     ("[[robots]]\nstart = {x_m = 1.0}", (), f"{TEST}: robots.0.name: missing"),

@@ -35,6 +35,16 @@ def test_footprint_and_height_hold_all_parts(robot):
     assert replace(robot, payload=load).height == pytest.approx(0.4)
 
 
+def test_a_robot_stands_about_its_wheels_and_turns_about_base_link(robot):
+    behind = replace(robot, wheels=replace(robot.wheels, centre_m=(0.1, -0.05)))
+    assert behind.wheel_position("front_right") == pytest.approx((0.3, -0.2, 0.05))
+    # the rectangle is about base_link, with the nearer side as far out as the other
+    assert behind.footprint == pytest.approx((0.35, 0.25))
+    assert behind.swing == pytest.approx(0.15)
+    with pytest.raises(ValueError, match=r"base_link is not between the wheels"):
+        replace(robot.wheels, centre_m=(0.21, 0.0))
+
+
 # Rollers meet π/N from their middles. There the wheel's circle is R cos(π/N) below the axle, and a
 # roller's axis, straight and level, R - r: 0.0475 (1 - cos 30°) = 6.364 mm, 0.05 (1 - cos 45°) =
 # 14.645 mm.

@@ -10,6 +10,7 @@ from mecazen.errors import BusError, ConfigError, RefusedError
 from mecazen.messages import Empty
 from mecazen.robot import WHEEL_JOINTS
 from mecazen.urdf import RobotDescription, ask_description, build_urdf, serve_description
+from msgspec.structs import replace
 from viewer.toy import URDF, stl
 
 TENFOLD = [f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghi")]
@@ -29,6 +30,17 @@ def test_the_description_has_every_roller_and_mesh():
     assert meshes == urdf.build_meshes(robot).keys()
     with pytest.raises(ConfigError, match="lidar_link is another link of the robot"):
         build_urdf(robot, "lidar_link")
+
+
+def test_a_robot_has_the_sensors_of_its_file_with_their_names():
+    robot = load_robot()
+    lidar = replace(robot.lidar, frame="laser")
+    links = {joint.child for joint in urdf.read(build_urdf(replace(robot, lidar=lidar))).joints}
+    assert {"laser", "camera_link", "camera_depth_optical_frame"} <= links
+    read = urdf.read(build_urdf(replace(robot, lidar=None, camera=None)))
+    assert {joint.child for joint in read.joints if joint.axis is None} == set()
+    with pytest.raises(ValueError, match="each frame must have its own name"):
+        replace(robot, lidar=replace(robot.lidar, frame="base_link"))
 
 
 def test_each_robots_description_is_served(bus):

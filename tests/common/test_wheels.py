@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 from mecazen.config import ControllerConfig, PhysicsConfig, Scenario, SensorConfig
 from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
 from mecazen.drive import Drive
+from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.wheels import MecanumKinematics, Watchdog, WheelCommand, WheelSpeeds
+from msgspec.structs import replace
 
 ROBOT = MecanumKinematics(wheel_radius=0.05, half_wheelbase=0.15, half_track=0.1)
 STILL = (0.0,) * 4
@@ -41,6 +43,24 @@ def test_equations_by_hand_both_ways(cross_gain, twist, wheels):
     robot = MecanumKinematics(0.05, 0.15, 0.1, cross_gain)
     assert robot.inverse(Twist2D(*twist)) == pytest.approx(wheels, abs=1e-4)  # as many digits
     assert robot.forward(robot.inverse(Twist2D(*twist))) == pytest.approx(twist, abs=1e-12)
+
+
+def test_a_twist_is_that_of_base_link():
+    # 0.2 m behind the wheels' centre, which moves to the left at 0.2 m/s in a turn of 1 rad/s
+    robot = MecanumKinematics(0.05, 0.15, 0.1, centre=(0.2, 0.0))
+    assert robot.inverse(Twist2D(0.0, 0.0, 1.0)) == pytest.approx((-9.0, 9.0, -1.0, 1.0))
+    twist = Twist2D(1.0, -0.5, 0.4)
+    robot = MecanumKinematics(0.05, 0.15, 0.1, -1.7, (0.1, -0.05))
+    assert robot.forward(robot.inverse(twist)) == pytest.approx(twist, abs=1e-12)
+
+
+def test_lengths_with_which_an_o_cannot_turn_are_refused():
+    robot = load_robot()
+    wide = replace(robot.wheels, track_m=0.5)
+    robot = replace(robot, wheels=wide, rollers=replace(robot.rollers, arrangement="O"))
+    assert MecanumKinematics.from_robot(robot).lever == pytest.approx(0.25 - 0.15)
+    with pytest.raises(ConfigError, match=r"half_track_m = 0\.15, .* lever of 0 m"):
+        MecanumKinematics.from_robot(robot, ControllerConfig(half_track_m=0.15))
 
 
 def test_wheels_that_fight_each_other_do_not_move_the_body():

@@ -11,7 +11,7 @@ from mecazen.config.sensors import DepthConfig, LidarConfig, TrackerConfig
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen.messages import Image, LaserScan, Time
-from mecazen.robot import WHEELS, Attachment, CameraMount
+from mecazen.robot import WHEELS, CameraMount, LidarMount
 from mecazen.skeleton import INDEX, LIMBS
 from mecazen.wire import decode, encode
 from mecazen_sensors.camera import CameraView, DepthCamera
@@ -22,7 +22,7 @@ from people import HEIGHT, NEXUS, body, walking
 EXACT_M = 1e-6
 """Far more than rounding, which is 1e-15 of the largest coordinate, and its square root for a ray
 that nearly grazes a shape; far less than a millimetre."""
-LIDAR = Attachment(size_m=(0.04, 0.04), position_m=(-0.13, 0.0, 0.16), mass_kg=0.2)
+LIDAR = LidarMount(size_m=(0.04, 0.04), position_m=(-0.13, 0.0, 0.16), mass_kg=0.2)
 NO_NOISE = {"range_std_m": 0.0, "dropout_probability": 0.0}
 STEP_M = 0.5 / STEPS_PER_M + 1e-9
 """Half a step of the lidar's resolution."""

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from mecazen.errors import ConfigError
 from mecazen.loading import load_table
 from mecazen.robot import Robot
 from mecazen_tools.cli import main
@@ -49,9 +50,17 @@ def test_a_urdf_with_fixed_wheels(robot_import, capsys):
         *(0.02, 9.0),
     )
     assert robot.lidar.position_m == pytest.approx((0.1, 0.0, 0.17))
-    assert robot.camera.pitch_deg == 26.0
+    assert robot.lidar.frame == "laser_frame"
     assert "assumed: as on wheels of 100 mm; N = 9: strafes 2.0 % less" in file.read_text()
-    assert "camera.position_m" in capsys.readouterr().out  # an optical frame is not a camera
+    # an optical frame is not a camera
+    assert robot.camera is None
+    assert "no camera: scenarios" in capsys.readouterr().out
+    with pytest.raises(
+        ConfigError, match=r"fixed_wheels has no camera, which sensor.kind = 'body'"
+    ):
+        Simulation("back", {"robot": file, "sensor.kind": "body"})
+    with Simulation("back", {"robot": file, "sensor.kind": "legs"}, duration_s=1.0) as simulation:
+        simulation.run()
 
 
 def test_a_xacro_with_its_controller(robot_import, capsys):
@@ -60,8 +69,10 @@ def test_a_xacro_with_its_controller(robot_import, capsys):
     robot = load_table(file, Robot)
     assert (robot.wheels.radius_m, robot.rollers.count) == (0.0762, 10)
     assert robot.camera.pitch_deg == pytest.approx(22.918)
+    assert (robot.camera.optical_frame, robot.lidar) == ("camera_depth_frame_optical", None)
     report = capsys.readouterr().out
     assert "half of the wheel's width: the robot turns 6.2 % less" in report
+    assert "base_frame_offset puts the wheels' centre at (0.2, 0.0) m in base_link" in report
     assert 'controller.base_frame_id = "base_footprint"' in file.read_text()
     smaller = load_table(robot_import(XACRO, "--arg", "radius:=0.06"), Robot)
     assert smaller.wheels.radius_m == 0.06
@@ -71,10 +82,10 @@ def test_an_sdf_with_its_plugin(robot_import, capsys):
     robot = load_table(robot_import(SDF), Robot)
     assert robot.wheels.joints == ("fl", "fr", "bl", "br")
     assert (robot.wheels.wheelbase_m, robot.wheels.track_m) == (0.4, 0.4)
-    assert robot.lidar.position_m == pytest.approx((-0.1, 0.0, 0.2))
-    report = capsys.readouterr().out
-    assert "the robot moves 2.0 % less than commanded" in report
-    assert "base_link is at (0.1, 0) m from the wheels' centre" in report
+    assert robot.wheels.centre_m == (-0.1, 0.0)
+    assert robot.lidar.position_m == pytest.approx((-0.2, 0.0, 0.2))
+    assert robot.lidar.frame == "head"
+    assert "the robot moves 2.0 % less than commanded" in capsys.readouterr().out
 
 
 def test_an_mjcf_with_rollers(robot_import):
@@ -85,13 +96,14 @@ def test_an_mjcf_with_rollers(robot_import):
     assert (rollers.max_radius_m, rollers.mass_kg) == (0.0095, 0.02)
     assert (robot.wheels.max_torque_nm, robot.wheels.max_speed_rad_s) == (3.0, 40.0)
     assert robot.camera.position_m == pytest.approx((0.16, 0.0, 0.15))
-    with Simulation("back", {"robot": file}, duration_s=10.0) as simulation:
-        simulation.run()
-        assert simulation.scores().d_err_m < 0.05
+    assert robot.camera.frame == "rgb"
+    assert 'controller.base_frame_id = "chassis"' in file.read_text()
 
 
-@pytest.mark.parametrize("description", [SDF, MJCF])
-def test_a_robot_is_drawn_and_driven(description, robot_import, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("description", [FIXED, XACRO, SDF, MJCF])
+def test_a_robot_is_drawn_and_follows(description, robot_import, tmp_path, monkeypatch, capsys):
+    if description is XACRO:
+        pytest.importorskip("xacrodoc")
     file = robot_import(description)
     capsys.readouterr()
     monkeypatch.chdir(tmp_path)
@@ -108,6 +120,9 @@ def test_a_robot_is_drawn_and_driven(description, robot_import, tmp_path, monkey
         assert float(measured) == pytest.approx(
             float(formula), rel=2e-2 if name == "turn" else 1e-3
         )
+    with Simulation("back", {"robot": file}, duration_s=10.0) as simulation:
+        simulation.run()
+        assert simulation.scores().d_err_m < 0.05
 
 
 WRONG = [

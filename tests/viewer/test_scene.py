@@ -14,6 +14,7 @@ from mecazen.loading import load_scenario
 from mecazen.messages import ros_covariance
 from mecazen.skeleton import INDEX, JOINTS, LIMBS
 from mecazen_viewer import layout
+from msgspec.structs import replace
 from viewer.drawing import Drawing, following, odometry
 from viewer_stage import COVARIANCE
 
@@ -36,6 +37,12 @@ def test_view_and_odom_frame_follow_the_true_robot(drawing):
     assert content.pose(layout.ROBOT) == pytest.approx(truth, abs=1e-6)
     assert content.pose(layout.FOLLOW) == pytest.approx((2.0, 2.0, 0.0), abs=1e-6)
     assert content.pose(layout.ODOM).compose(drifted) == pytest.approx(truth, abs=1e-6)
+
+
+def test_a_robot_without_sensors_is_drawn(tmp_path):
+    blind = Drawing(tmp_path, Scenario(robot=replace(load_robot(), camera=None, lidar=None)))
+    blind.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
+    assert blind.end().pose(layout.ROBOT).x == pytest.approx(1.0)
 
 
 def test_added_obstacles_are_drawn_until_they_are_removed(drawing):

@@ -105,8 +105,8 @@ class Description(NamedTuple):
 
     name: str
     parts: Mapping[str, Part]
-    sensors: Mapping[str, str]
-    """Types of declared sensors, by link."""
+    sensors: Mapping[str, tuple[str, Floats]]
+    """Types of declared sensors, and their positions in their link [m], by link."""
     plugin: Mapping[str, Any]
     """Settings of gz-sim's MecanumDrive, if it is in the file."""
 
@@ -155,7 +155,7 @@ class Description(NamedTuple):
             (link not in self.sensors, not part.shapes, link)
             for part in self.body(wheels)
             for link in [part.name]
-            if re.search(SENSORS[kind], self.sensors.get(link, link).lower())
+            if re.search(SENSORS[kind], self.sensors.get(link, (link,))[0].lower())
             if "optical" not in link
         ]
         return self.parts[min(links)[2]] if links else None
@@ -181,15 +181,20 @@ def read_description(path: Path, arguments: Mapping[str, str]) -> Description:
         models = [*root.iter("model")] or [root]
         model = max(models, key=lambda model: len(model.findall("joint")))
         parts = _parts(path, root, model)
+        sensors = {
+            place.get("reference") or place.get("name") or "": (
+                sensor.get("type") or "camera",
+                np.array(
+                    (sensor.get("pos") or sensor.findtext("pose") or "0 0 0").split()[:3], float
+                ),
+            )
+            for place in root.iter()
+            if place.tag in ("link", "gazebo", "body")
+            for sensor in [*place.findall("sensor"), *place.findall("camera")]
+        }
     except (ET.ParseError, ValueError) as error:
         what = "not XML: " if isinstance(error, ET.ParseError) else ""
         raise ConfigError(printable(f"{path}: {what}{' '.join(str(error).split())}")) from None
-    sensors = {
-        place.get("reference") or place.get("name") or "": sensor.get("type") or "camera"
-        for place in root.iter()
-        if place.tag in ("link", "gazebo", "body")
-        for sensor in [*place.findall("sensor"), *place.findall("camera")]
-    }
     plugins = [
         {setting.tag: (setting.text or "").strip() for setting in plugin}
         for plugin in root.iter("plugin")

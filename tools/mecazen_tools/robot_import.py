@@ -16,17 +16,19 @@ from mecazen.errors import ConfigError
 from mecazen.explain import show
 from mecazen.files import read_bytes, read_text
 from mecazen.loading import convert, override
-from mecazen.portable import Floats
+from mecazen.portable import Floats, product
 from mecazen.robot import WHEELS, Robot
 from mecazen.rollers import lateral_gain
 from mecazen.text import printable
 
-from mecazen_tools.description import Description, Part
+from mecazen_tools.description import SENSORS, Description, Part
 
 MAX_WHEELBASE_M = 5.0
 """Longest plausible distance of the axles; beyond it a file is in millimetres [m]."""
 ALONG = 0.999
 """Least cosine between two directions that count as the same: 2.5°."""
+SAME_PLACE_M = 1e-4
+"""Distance of base_link from the wheels' centre that counts as rounding [m]."""
 UNEVEN_M = 0.005
 """Largest distance of a wheel from the rectangle of all four [m]."""
 DISAGREE = 0.002
@@ -36,7 +38,7 @@ ROLLER_STOPS_HZ = 8.0
 
 
 class Wheel(NamedTuple):
-    """A mecanum wheel as sold."""
+    """A mecanum wheel as sold; the mass of a roller is assumed."""
 
     diameter_m: float
     rollers: int
@@ -46,18 +48,23 @@ class Wheel(NamedTuple):
 
 
 WHEELS_SOLD = (
-    Wheel(0.060, 8, 0.0065, 0.006, 0.025),
+    Wheel(0.060, 9, 0.0065, 0.006, 0.0306),
     Wheel(0.080, 9, 0.0080, 0.008, 0.035),
     Wheel(0.100, 9, 0.0095, 0.020, 0.040),
     Wheel(0.152, 12, 0.0120, 0.040, 0.050),
     Wheel(0.203, 12, 0.0159, 0.070, 0.076),
 )
-"""Typical wheels by diameter. The 203 mm wheel's count and radius are from AndyMark's sheet "8in
-Mecanum Wheels" (12 rollers, 1.25 in thick in the middle; 2.5 lb a wheel); the others are those of
-the robot files omni4, rosmaster_x3 (65 mm, from its mesh), nexus and artbul."""
-CAMERA = {"size_m": [0.025, 0.09, 0.025], "mass_kg": 0.1}
-LIDAR = {"size_m": [0.038, 0.04], "mass_kg": 0.19}
-"""Sensors of a robot whose file has none."""
+"""Typical wheels by diameter.
+
+From data sheets: 60 mm, count and width (SunFounder, Zeus Car, "Mecanum Wheel"); 203 mm, count and
+radius (AndyMark, "8in Mecanum Wheels": 12 rollers, 1.25 in thick in the middle). Assumed: the rest,
+as in the robot files omni4 (60 mm), rosmaster_x3 (of 65 mm), nexus and artbul.
+"""
+HOUSINGS = {
+    "camera": {"size_m": [0.025, 0.09, 0.025], "mass_kg": 0.1},
+    "lidar": {"size_m": [0.038, 0.04], "mass_kg": 0.19},
+}
+"""Sensors without a shape or a mass."""
 ASSUMED = "assumed: "
 """Begin of a comment on a value that the description does not have."""
 
@@ -70,6 +77,8 @@ class Controller(NamedTuple):
     radius: float | None = None
     lever: float | None = None
     """Sum of half the wheelbase and half the track [m]."""
+    centre: tuple[float, float] | None = None
+    """Centre of the wheels in base_link [m]."""
     settings: Mapping[str, Any] = {}
     """Settings of mecazen's controller with the same meaning."""
 
@@ -127,10 +136,13 @@ def read_controller(path: Path) -> Controller:
 
 
 def _flat(tables: Any) -> dict[str, Any]:
-    """Return all settings by their last name."""
+    """Return all settings by their last name, and with the names of their tables."""
     flat: dict[str, Any] = {}
     for key, value in tables.items() if isinstance(tables, dict) else ():
-        flat |= _flat(value) if isinstance(value, dict) else {str(key): value}
+        inner = _flat(value)
+        flat |= inner | {f"{key}.{name}": part for name, part in inner.items()}
+        if not isinstance(value, dict):
+            flat[str(key)] = value
     return flat
 
 
@@ -160,6 +172,7 @@ def controller_of(settings: Mapping[str, Any], path: Path) -> Controller:
     base, track = number("wheel_?base|wheel_separation_x"), number("wheel_separation(_y)?")
     if lever is None and base is not None and track is not None:
         lever = (base + track) / 2
+    x, y = number(r"base_frame_offset\.x"), number(r"base_frame_offset\.y")
     if not joints and radius is None and lever is None:
         raise ConfigError(f"{path}: has no settings of a mecanum controller")
     same: dict[str, Any] = {
@@ -170,7 +183,9 @@ def controller_of(settings: Mapping[str, Any], path: Path) -> Controller:
         same[name] = setting(name)
     same["twist_covariance_diagonal"] = setting("twist_covariance_diagonal")
     same = {name: value for name, value in same.items() if value not in (None, "base_link", "odom")}
-    return Controller(joints if len(joints) == len(WHEELS) else (), radius, lever, same)
+    # the offset is that of base_link from the wheels' centre
+    centre = None if x is None or y is None else (0.0 - x, 0.0 - y)
+    return Controller(joints if len(joints) == len(WHEELS) else (), radius, lever, centre, same)
 
 
 def import_robot(
@@ -205,6 +220,9 @@ def import_robot(
     draft.put("name", name if re.match("[a-z]", name) else f"robot_{name}")
     draft.put("wheels.wheelbase_m", wheelbase)
     draft.put("wheels.track_m", track)
+    base = description.base
+    if np.hypot(*(centre - base.place)[:2]) > SAME_PLACE_M:
+        draft.put("wheels.centre_m", (centre - base.place)[:2])
     if all(wheel.joint for wheel in wheels):
         draft.put("wheels.joints", [wheel.joint for wheel in wheels])
     rollers = description.rollers(wheels[0], ALONG)
@@ -214,7 +232,8 @@ def import_robot(
     if "wheels.radius_m" in draft.values:
         radius = max(draft.values["wheels.radius_m"], 1e-6)  # `convert` refuses what is below
         _put_wheels(draft, wheels, rollers, radius)
-        _put_base(draft, description, wheels, centre - (0.0, 0.0, radius))
+        offset = draft.values.get("wheels.centre_m", (0.0, 0.0))
+        _put_base(draft, description, wheels, centre - (*offset, radius))
     if draft.missing:
         reasons = ", ".join(f"{key} ({reason})" for key, reason in draft.missing.items())
         options = " ".join(f"--set {key}=…" for key in draft.missing)
@@ -225,12 +244,11 @@ def import_robot(
     robot = convert(tables, Robot, path, settings)
 
     notes, same = _disagreements(robot, controller)
-    base = description.base
-    x, y, _ = base.place - centre
-    if (offset := math.hypot(x, y)) > UNEVEN_M:
+    if re.fullmatch(r"(?!base_link$|__)[\w-]+", base.name):
+        same.setdefault("controller.base_frame_id", base.name)
+    if absent := [kind for kind in SENSORS if getattr(robot, kind) is None]:
         notes.append(
-            f"{base.name} is at ({x:.3g}, {y:.3g}) m from the wheels' centre, where mecazen's "
-            f"base_link is: poses differ by {offset:.3g} m"
+            f"no {' and no '.join(absent)}: scenarios that sense with one refuse the robot"
         )
     if backward := [w.joint for w in wheels if w.axis is not None and w.axis[1] < 0.0]:
         names = ", ".join(backward)
@@ -349,13 +367,14 @@ def _put_wheels(
 
 
 def _put_base(
-    draft: Draft, description: Description, wheels: Sequence[Part], centre: Floats
+    draft: Draft, description: Description, wheels: Sequence[Part], origin: Floats
 ) -> None:
-    """Add the box between the wheels, its mass, and the sensors; `centre` is on the ground."""
-    radius = float(wheels[0].place[2] - centre[2])
+    """Add the box between the wheels, its mass, and the sensors; `origin` is base_link's."""
+    radius = float(wheels[0].place[2] - origin[2])
     length, width = draft.values["wheels.wheelbase_m"], draft.values["wheels.track_m"]
-    sensors = {kind: description.sensor(kind, wheels) for kind in ("camera", "lidar")}
-    body = [part for part in description.body(wheels) if part not in sensors.values()]
+    sensors = {kind: description.sensor(kind, wheels) for kind in SENSORS}
+    links = [part.name for part in sensors.values() if part and part.name != description.base.name]
+    body = [part for part in description.body(wheels) if part.name not in links]
     axle = wheels[0].place[2]
     shapes = [shape for part in body for shape in part.shapes]
     boxes = [shape for shape in shapes if shape.centre[2] + shape.reach[2] > axle]
@@ -364,32 +383,36 @@ def _put_base(
         largest = max(boxes, key=lambda shape: float(np.prod(shape.reach)))
         length, comment = 2 * float(largest.reach[0]), ""
         width = min(width, 2 * float(largest.reach[1]))
-        middle, half = float(largest.centre[2] - centre[2]), float(largest.reach[2])
+        middle, half = float(largest.centre[2] - origin[2]), float(largest.reach[2])
         low, high = middle - half, middle + half
     low = min(max(low, 0.1 * radius), 0.95 * radius)
     for key, size in (("length", length), ("width", width), ("height", high - low)):
         draft.put(f"base.{key}_m", size, comment)
     draft.put("base.clearance_m", low, comment)
     draft.need("base.mass_kg", math.fsum(part.mass for part in body), "no link has a mass")
-    for kind, default, along in (("camera", CAMERA, 0.4), ("lidar", LIDAR, -0.3)):
-        part = sensors[kind]
-        if part is None:
-            place = [along * length, 0.0, high + default["size_m"][-1] / 2]  # type: ignore[index]
-            lacking = f"{ASSUMED}there is none; only scenarios that sense with it use it"
-            draft.put(f"{kind}.position_m", place, lacking)
-        else:
-            draft.put(f"{kind}.position_m", (part.place - centre).tolist(), part.name)
-        if part is not None and part.shapes:
-            x, y, z = (2 * float(half) for half in part.shapes[0].reach)
-            draft.put(f"{kind}.size_m", [x, y, z] if kind == "camera" else [max(x, y) / 2, z])
-        draft.put(f"{kind}.size_m", default["size_m"])
-        draft.put(f"{kind}.mass_kg", (part.mass if part is not None else 0.0) or default["mass_kg"])
-    if (camera := sensors["camera"]) is None:
-        draft.put("camera.pitch_deg", 26.0, f"{ASSUMED}up, to see shoulders from 1 m on")
-    else:
+    for kind, part in sensors.items():
+        if part is not None:
+            _, place = description.sensors.get(part.name, ("", np.zeros(3)))
+            place = part.place + product(part.rotation, place)
+            draft.put(f"{kind}.position_m", place - origin, part.name)
+        if part is not None and part.name in links:
+            draft.put(f"{kind}.frame", part.name)
+            if part.shapes:
+                x, y, z = (2 * float(half) for half in part.shapes[0].reach)
+                draft.put(f"{kind}.size_m", [x, y, z] if kind == "camera" else [max(x, y) / 2, z])
+            draft.put(f"{kind}.mass_kg", part.mass or HOUSINGS[kind]["mass_kg"])
+        if f"{kind}.position_m" in draft.values:
+            for key, value in HOUSINGS[kind].items():
+                draft.put(f"{kind}.{key}", value)
+    if (camera := sensors["camera"]) is not None:
         x, y, z = camera.rotation[:, 0]
         draft.put("camera.pitch_deg", math.degrees(math.asin(z)))
         draft.put("camera.yaw_deg", math.degrees(math.atan2(y, x)))
+        frames = [
+            p.name for p in body if camera.name in description.above(p) if "optical" in p.name
+        ]
+        if frames:
+            draft.put("camera.optical_frame", min(frames, key=lambda name: "depth" not in name))
 
 
 def _disagreements(robot: Robot, controller: Controller) -> tuple[list[str], dict[str, Any]]:
@@ -414,6 +437,11 @@ def _disagreements(robot: Robot, controller: Controller) -> tuple[list[str], dic
             f"the controller's sum of half lengths is {controller.lever:g} m, the wheels' "
             f"{lever:.5g} m{why}: the robot turns {_percent(controller.lever / lever)} than "
             "commanded"
+        )
+    if controller.centre and math.dist(controller.centre, robot.wheels.centre_m) > UNEVEN_M:
+        notes.append(
+            f"the controller's base_frame_offset puts the wheels' centre at {controller.centre} m "
+            f"in base_link, the description at {robot.wheels.centre_m} m"
         )
     return notes, {f"controller.{key}": _rounded(value) for key, value in same.items()}
 

@@ -44,11 +44,12 @@ def gains(robot: Robot, file: Path) -> Iterator[Gain]:
     arc = math.pi / robot.rollers.count
     rim, cross = TOP_SPEED * robot.wheels.max_speed_rad_s * robot.wheels.radius_m, robot.cross_gain
     rim = min(rim, 0.5, abs(cross) * 0.5, abs(robot.lever) * 0.8)
+    yaw, (ahead, left) = rim / robot.lever, robot.wheels.centre_m
     diagonal = 2.0 - 2.0 * math.tan(arc / 2) / arc
     checks = {
         "forward": (Twist2D(rim), 1.0),
         "left": (Twist2D(0.0, rim / cross), lateral_gain(robot.rollers.count)),
-        "turn": (Twist2D(0.0, 0.0, rim / robot.lever), yaw_gain(robot)),
+        "turn": (Twist2D(left * yaw, -ahead * yaw, yaw), yaw_gain(robot)),  # about their centre
         "diagonal": (Twist2D(rim / 2, rim / cross / 2), diagonal),
     }
     settings = {"robot": file, "services": ["physics", "controller"], "sensor.also": []}
@@ -69,8 +70,9 @@ def gains(robot: Robot, file: Path) -> Iterator[Gain]:
         if check == "turn":
             yield Gain(check, turned / (twist.yaw * seconds), formula)
         else:
-            moved = start.distance(before)
-            yield Gain(check, moved / (math.hypot(twist.x, twist.y) * seconds), formula)
+            moved = start.between(before)
+            along = moved.x * twist.x + moved.y * twist.y
+            yield Gain(check, along / (math.hypot(twist.x, twist.y) ** 2 * seconds), formula)
 
 
 def draw(robot: Robot) -> Figure:
@@ -80,34 +82,38 @@ def draw(robot: Robot) -> Figure:
     with style.context(STYLE):
         figure = Figure(figsize=(2.2 * COLUMN_IN, 1.1 * COLUMN_IN), layout="constrained")
         above, side = figure.subplots(1, 2)
-        _box(above, (0.0, 0.0), (base.length_m, base.width_m), BLUE)
+        ahead, left = wheels.centre_m
+        _box(above, (ahead, left), (base.length_m, base.width_m), BLUE)
         middle = base.clearance_m + base.height_m / 2
-        _box(side, (0.0, middle), (base.length_m, base.height_m), BLUE)
+        _box(side, (ahead, middle), (base.length_m, base.height_m), BLUE)
+        above.plot(0.0, 0.0, "k+")  # base_link
         for wheel in WHEELS:
             x, y, z = robot.wheel_position(wheel)
             _box(above, (x, y), (2 * radius, width), "#555555")
             side.add_patch(Circle((x, z), radius, facecolor="#555555", alpha=0.7))
             # the rollers on top
-            slope = math.copysign(math.tan(robot.roller_angle), x * y * robot.cross_gain)
+            corner = (x - ahead) * (y - left)
+            slope = math.copysign(math.tan(robot.roller_angle), corner * robot.cross_gain)
             for roller in (-0.6 * radius, 0.0, 0.6 * radius):
                 ends = [x + roller + slope * end for end in (-width / 2, width / 2)]
                 above.plot(ends, [y - width / 2, y + width / 2], color="white", lw=0.8)
-        for part, (length, across) in (
-            (robot.camera, robot.camera.size_m[:2]),
-            (robot.lidar, (2 * robot.lidar.size_m[0],) * 2),
-        ):
-            x, y, z = part.position_m
-            _box(above, (x, y), (length, across), ORANGE)
-            _box(side, (x, z), (length, part.size_m[-1]), ORANGE)
+        for part in (robot.camera, robot.lidar):
+            if part is not None:
+                x, y, z = part.position_m
+                length, across = (
+                    (2 * part.size_m[0],) * 2 if part is robot.lidar else part.size_m[:2]
+                )
+                _box(above, (x, y), (length, across), ORANGE)
+                _box(side, (x, z), (length, part.size_m[-1]), ORANGE)
         gap = 0.15 * half_length
-        below, left = -half_width - gap, -half_length - gap
-        axle, track = robot.half_wheelbase, robot.half_track
-        _dimension(above, (-axle, below), (axle, below))
-        _dimension(above, (left, -track), (left, track))
-        _dimension(above, (-base.length_m / 2, -below), (base.length_m / 2, -below))
-        _dimension(side, (left, 0.0), (left, robot.height))
-        _dimension(side, (axle - radius, -gap), (axle + radius, -gap))
-        _dimension(side, (0.0, 0.0), (0.0, base.clearance_m))
+        below, behind = -half_width - gap, -half_length - gap
+        axle, track, half = robot.half_wheelbase, robot.half_track, base.length_m / 2
+        _dimension(above, (ahead - axle, below), (ahead + axle, below))
+        _dimension(above, (behind, left - track), (behind, left + track))
+        _dimension(above, (ahead - half, -below), (ahead + half, -below))
+        _dimension(side, (behind, 0.0), (behind, robot.height))
+        _dimension(side, (ahead + axle - radius, -gap), (ahead + axle + radius, -gap))
+        _dimension(side, (ahead, 0.0), (ahead, base.clearance_m))
         side.axhline(0.0, color="black", lw=0.6)
         above.set(title=f"{robot.name}, from above [mm]", xlabel="x [m]", ylabel="y [m]")
         side.set(title="from the right [mm]", xlabel="x [m]", ylabel="z [m]")

@@ -29,7 +29,9 @@ def warnings(scenario: Scenario) -> Iterator[str]:
             problem = f"the person is faster than the robot, which reaches {speed_m_s:.2f} m/s"
             yield f"{begin}target.path.speed_m_s = {path.speed_m_s:g}: {problem}"
         mount, standoff = part.robot.camera, part.follower.standoff
-        if "tracker" not in part.sensor.features or not (why := _unseen(part, mount, standoff)):
+        if mount is None or "tracker" not in part.sensor.features:
+            continue
+        if not (why := _unseen(part, mount, standoff)):
             continue
         pitches = [
             p for p in PITCHES_DEG if not _unseen(part, replace(mount, pitch_deg=p), standoff)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 from typing import Annotated, Any, NamedTuple, cast
 
 import msgspec
@@ -163,10 +163,21 @@ class Scenario(Section):
                     f"robots: {robot.name}: sensor.kind and sensor.also are the same for all robots"
                 )
         places = {name: self.of(name) for name in self.names}
+        self._check_mounts(place.robot for place in places.values())
         self._check_bodies(place.target.body for place in places.values())
         for (name, a), (neighbour, b) in combinations(places.items(), 2):
             if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
                 raise ValueError(f"robots: {name} and {neighbour} overlap at their starts")
+
+    def _check_mounts(self, robots: Iterable[Robot]) -> None:
+        mounts = {"lidar": {"lidar"}, "camera": {"tracker", "depth"}}
+        needed = [mount for mount, sensors in mounts.items() if sensors & self.sensor.features]
+        for robot, mount in product(robots, needed):
+            if getattr(robot, mount) is None:
+                raise ValueError(
+                    f"robot: {robot.name} has no {mount}, which sensor.kind = {self.sensor.kind!r} "
+                    f"or sensor.also needs: add [{mount}] to its file"
+                )
 
     def _check_bodies(self, followed: Iterable[Body]) -> None:
         walkers = [walker for walker in (*self.crowd.walkers, self.crowd.reactive) if walker]

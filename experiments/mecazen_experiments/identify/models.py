@@ -29,7 +29,7 @@ from mecazen_experiments.identify.data import Array
 from mecazen_experiments.identify.windows import Moments, gains, ideal_matrix, in_reference, total
 
 FRAME = ("misalignment_rad", "offset_x_m", "offset_y_m")
-"""Mounting of the reference on the robot: its yaw, and its position in base_link."""
+"""Mounting of the reference on the robot: its yaw, and its position from the wheels' centre."""
 ROUNDS = 4
 """Number of fits; each uses the noise estimated by the previous fit."""
 MAX_CORRELATION = 0.995

@@ -39,6 +39,7 @@ from mecazen_experiments.identify.windows import (
     in_reference,
     mounted,
     odometry,
+    shifted,
 )
 
 HORIZON_S = 10.0
@@ -55,7 +56,7 @@ sessions, by model and kind of path."""
 
 
 def simulated(robot: Robot, run: Run) -> Array:
-    """Return the poses of base_link (n, 3) from a simulation with the wheel speeds of a run."""
+    """Return the poses of the wheels' centre (n, 3) from a simulation with a run's wheel speeds."""
     pitch = 2.0 * math.pi / robot.rollers.count
     longest = min(PhysicsConfig().dt_s, ROLLER_SHARE * pitch / robot.wheels.max_speed_rad_s)
     steps = math.ceil(run.period_s / longest - 1e-6)
@@ -68,7 +69,7 @@ def simulated(robot: Robot, run: Run) -> Array:
         state = simulation.robots[0].state
         poses[index] = *state.position[:2], state.yaw
     poses[:, 2] = np.unwrap(poses[:, 2])
-    return poses
+    return shifted(poses, np.array(robot.wheels.centre_m))
 
 
 def identified_robot(robot: Robot, result: Identification, run: Run) -> Robot:

@@ -241,10 +241,10 @@ def shifted(poses: Array, offset: Array) -> Array:
 
 
 def mounted(poses: Array, mounting: Array) -> Array:
-    """Return poses of the reference for poses of base_link (n, 3).
+    """Return poses of the reference for poses of the wheels' centre (n, 3).
 
     Args:
-        poses: Poses of base_link (n, 3).
+        poses: Poses of the wheels' centre (n, 3).
         mounting: Misalignment [rad] and offset [m] of the reference (3,).
     """
     return shifted(poses + np.array([0.0, 0.0, mounting[0]]), mounting[1:])

@@ -163,7 +163,8 @@ class ControllerNode(Node):
         """Take the timeouts and limits of the scenario, for the configured radius and lever."""
         wheels, axes = self.kinematics, axis_limits(self.config.limits)
         rim_speed = self.max_speed * wheels.wheel_radius
-        self.drive = Drive(rim_speed, abs(wheels.cross_gain), abs(wheels.lever), axes)
+        lever = abs(wheels.lever) + self.scenario.robot.swing
+        self.drive = Drive(rim_speed, abs(wheels.cross_gain), lever, axes)
         self.commands.sources = sources(self.scenario)
         if "guard" in self.scenario.features:  # which has chosen
             guarded = Source(GUARD_CMD_VEL, self.scenario.command_timeout_s, "guard")

@@ -70,7 +70,7 @@ class FollowerNode(Node):
         if self.config.planner is not None:
             key, rate_hz = "follower.planner.rate_hz", self.config.planner.rate_hz
             ticks_per_sample(key, rate_hz, scenario.sim.tick_s)
-        self.lidar = scenario.robot.lidar.pose
+        self.lidar = scenario.robot.lidar
 
     def reset(self, seed: int) -> None:
         """Discard the person and the robot's past poses."""
@@ -162,13 +162,16 @@ class FollowerNode(Node):
         scan = inputs.get(SCAN)
         if scan is None:
             return
+        if self.lidar is None:
+            inputs.refuse(SCAN, "the robot file has no lidar, so its pose is unknown")
+            return
         stamp_ns = scan.header.stamp.ns
         try:
             robot = self.robot.at(stamp_ns)
         except RefusedError as refusal:
             inputs.refuse(SCAN, str(refusal))
             return
-        self.following.see(stamp_ns / NS_PER_S, scan, robot, robot.compose(self.lidar))
+        self.following.see(stamp_ns / NS_PER_S, scan, robot, robot.compose(self.lidar.pose))
 
     def _frame(self, now_ns: int, inputs: Inputs, topic: Topic[m.Observation]) -> Frame | None:
         """Return the persons of a topic's new frame in odom; None if it is refused or empty."""
@@ -299,7 +302,8 @@ def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) ->
 
 def _field_of(scenario: Scenario, sensor: SensorConfig) -> FieldOfView:
     """Return the field of view of the sensor by which the person is found."""
-    yaw_deg = scenario.robot.camera.yaw_deg if sensor.kind in ("body", "fused") else 0.0
+    camera = scenario.robot.camera if sensor.kind in ("body", "fused") else None
+    yaw_deg = 0.0 if camera is None else camera.yaw_deg
     half = math.radians(sensor.fov_deg) / 2.0
     return FieldOfView(half, math.radians(yaw_deg), sensor.max_range_m)
 

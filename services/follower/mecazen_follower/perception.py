@@ -142,6 +142,7 @@ class LegsNode(Node):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
+        assert scenario.robot.lidar is not None
         self.lidar = scenario.robot.lidar.pose
 
     def reset(self, seed: int) -> None:

@@ -37,6 +37,7 @@ class GuardNode(Node):
         config, lidar, robot = scenario.guard, scenario.sensors.lidar, scenario.robot
         self.commands = Commands(sources(scenario))
         self.silence_s = SILENT_SCANS / lidar.rate_hz
+        assert robot.lidar is not None
         self.surroundings = Surroundings(
             config, lidar, robot.lidar.pose, is_real=scenario.has_real_lidar
         )

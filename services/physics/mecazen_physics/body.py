@@ -58,10 +58,11 @@ class RobotBody:
         self.world = dart_world
         self._robot, self._dt = robot, physics.dt_s
         self._half_wheelbase, self._half_track = robot.half_wheelbase, robot.half_track
+        self._centre = robot.wheels.centre_m
         self.max_depth = robot.rollers.max_radius_m
         """A robot whose base_link is deeper in the ground [m] has diverged.
 
-        The origin of base_link is the mean of the wheels' lowest points, so no attitude of a robot
+        The origin of base_link is between the wheels' lowest points, so no attitude of a robot
         above the ground brings it below.
         """
         self.skeleton, joints = _build(robot, start, world)
@@ -141,8 +142,9 @@ class RobotBody:
         self._position = self.skeleton.getPositions().tolist()
         rx, ry, rz, x, y, z, axle = self._position[:BASE_DOFS]
         qx, qy, qz, qw = quaternion(rx, ry, rz)
-        ahead = 2.0 * self._half_wheelbase * (qx * qz - qw * qy)
-        aside = 2.0 * self._half_track * (qy * qz + qw * qx)
+        pitch, roll = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx)
+        z += pitch * self._centre[0] + roll * self._centre[1]
+        ahead, aside = pitch * self._half_wheelbase, roll * self._half_track
         rear, front = abs(aside), abs(aside + self._half_track * axle)
         if max(z + ahead + front, z - ahead + rear) > LIFT_M_S * self._dt:
             return
@@ -254,14 +256,15 @@ def _build(robot: Robot, start: Pose2D, world: WorldConfig) -> tuple[Any, list[A
     # highest, so the coefficient of the other body applies. Between two robots the highest applies.
     friction = max(*ground_frictions(robot, world), PERSON_FRICTION, SOLID_FRICTION)
     _add_base_shapes(base, robot, friction)
-    hinge = (robot.half_wheelbase, 0.0, robot.wheels.radius_m)
+    x, y = robot.wheels.centre_m
+    hinge = (x + robot.half_wheelbase, y, robot.wheels.radius_m)
     axle = _add_axle(base, hinge)
     bodies, joints = {"base_link": base}, []
     for link in links:
         if link.axis is None:
             continue
         parent, place = bodies[link.parent], np.array(link.translation)
-        if parent is base and link.translation[0] > 0.0:
+        if parent is base and link.translation[0] > x:
             parent, place = axle, place - hinge
         joint, body = skeleton.createRevoluteJointAndBodyNodePair(parent)
         joint.setName(link.joint)
@@ -300,10 +303,10 @@ def _add_axle(base: Any, hinge: tuple[float, float, float]) -> Any:
 
 def _add_base_shapes(base: Any, robot: Robot, friction: float) -> None:
     size = [robot.base.length_m, robot.base.width_m, robot.base.height_m]
-    lidar = dart.dynamics.CylinderShape(*robot.lidar.size_m)
-    camera = dart.dynamics.BoxShape(robot.camera.size_m)
     add_shape(base, dart.dynamics.BoxShape(size), friction, base_link(robot).centre)
-    add_shape(base, camera, friction, robot.camera.position_m)
-    add_shape(base, lidar, friction, robot.lidar.position_m)
+    if (camera := robot.camera) is not None:
+        add_shape(base, dart.dynamics.BoxShape(camera.size_m), friction, camera.position_m)
+    if (lidar := robot.lidar) is not None:
+        add_shape(base, dart.dynamics.CylinderShape(*lidar.size_m), friction, lidar.position_m)
     if (load := robot.payload) is not None:
         add_shape(base, dart.dynamics.BoxShape(load.size_m), friction, load.position_m)

@@ -16,8 +16,6 @@ from numpy.random import PCG64, Generator
 
 from mecazen_sensors.raycast import CARRIER, RayScene
 
-FRAME = "camera_depth_optical_frame"
-"""z ahead, x to the right, y down (REP-103)."""
 EDGE_STEP_M = 0.1
 """Difference of depth between neighbours that makes an edge [m]."""
 
@@ -67,7 +65,7 @@ class DepthCamera:
     """
 
     def __init__(self, config: DepthConfig, mount: CameraMount, seed: int) -> None:
-        self._config = config
+        self._config, self._frame = config, mount.optical_frame
         self._camera = CameraView(mount, config)
         width, height = config.width, config.height
         self._focal = width / 2 / self._camera.wide, height / 2 / self._camera.high
@@ -105,7 +103,7 @@ class DepthCamera:
         is_valid = (depths >= config.min_range_m) & (depths <= config.max_range_m) & ~lost
         pixels = np.where(is_valid, np.rint(depths * 1000.0), 0.0).astype("<u2")
         return m.Image(
-            header=m.Header(stamp=time, frame_id=FRAME),
+            header=m.Header(stamp=time, frame_id=self._frame),
             height=config.height,
             width=config.width,
             encoding="16UC1",
@@ -119,7 +117,7 @@ class DepthCamera:
         # the middle of pixel (0, 0) is at (0, 0)
         cx, cy = width / 2 - 0.5, height / 2 - 0.5
         return m.CameraInfo(
-            header=m.Header(stamp=time, frame_id=FRAME),
+            header=m.Header(stamp=time, frame_id=self._frame),
             height=height,
             width=width,
             distortion_model="plumb_bob",

@@ -10,7 +10,7 @@ from mecazen.arrays import rotate
 from mecazen.config.sensors import LidarConfig
 from mecazen.geometry import Pose2D
 from mecazen.portable import Floats
-from mecazen.robot import Attachment
+from mecazen.robot import LidarMount
 from mecazen.wire import NS_PER_S
 from numpy.random import PCG64, Generator
 
@@ -36,7 +36,7 @@ class Lidar:
     here). The number of random draws per scan does not depend on its content.
     """
 
-    def __init__(self, config: LidarConfig, mount: Attachment, seed: int) -> None:
+    def __init__(self, config: LidarConfig, mount: LidarMount, seed: int) -> None:
         self._config, self._mount = config, mount
         fov = math.radians(config.fov_deg)
         gaps = config.beams if config.fov_deg == 360.0 else config.beams - 1  # both ends coincide
@@ -65,7 +65,7 @@ class Lidar:
         if any(begin <= time.ns / NS_PER_S <= end for begin, end in config.occlusions_s):
             ranges[:] = INVALID
         return m.LaserScan(
-            header=m.Header(stamp=time, frame_id="lidar_link"),
+            header=m.Header(stamp=time, frame_id=mount.frame),
             angle_min=self._first,
             angle_max=self._last,
             angle_increment=self._step,

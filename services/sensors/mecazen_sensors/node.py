@@ -112,7 +112,9 @@ class LidarNode(_Sensor):
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""
         super().reset(seed)
-        self.lidar = Lidar(self.scenario.sensors.lidar, self.scenario.robot.lidar, seed)
+        mount = self.scenario.robot.lidar
+        assert mount is not None
+        self.lidar = Lidar(self.scenario.sensors.lidar, mount, seed)
 
     def _capture(self, robot: Pose2D, people: dict[str, Floats], time: m.Time) -> Outputs:
         return {SCAN: self.lidar.scan(self.scene, robot, time)}
@@ -126,7 +128,9 @@ class DepthNode(_Sensor):
     def reset(self, seed: int) -> None:
         """Begin a run with noise from `seed`."""
         super().reset(seed)
-        self.camera = DepthCamera(self.scenario.sensors.depth, self.scenario.robot.camera, seed)
+        mount = self.scenario.robot.camera
+        assert mount is not None
+        self.camera = DepthCamera(self.scenario.sensors.depth, mount, seed)
 
     def _capture(self, robot: Pose2D, people: dict[str, Floats], time: m.Time) -> Outputs:
         image = self.camera.picture(self.scene, robot, time)
@@ -148,6 +152,7 @@ class TrackerNode(_Sensor):
         """Begin a run with errors from `seed`."""
         super().reset(seed)
         config, mount = self.scenario.sensors.tracker, self.scenario.robot.camera
+        assert mount is not None
         self.tracker = BodyTracker(config, mount, seed, self.period * self.scenario.sim.tick_s)
         self.in_transit: dict[int, Outputs] = {}
         """Frames by the tick of their arrival."""

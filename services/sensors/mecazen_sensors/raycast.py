@@ -211,12 +211,13 @@ def _robot(robot: Robot) -> str:
     base, camera, lidar, load = robot.base, robot.camera, robot.lidar, robot.payload
     size = _half((base.length_m, base.width_m, base.height_m))
     hub = robot.wheels.radius_m, robot.wheels.hub_width_m / 2
-    shapes = [
-        _geom("box", size, (0.0, 0.0, base.clearance_m + size[2])),
-        _geom("box", _half(camera.size_m), camera.position_m),
-        _geom("cylinder", (lidar.size_m[0], lidar.size_m[1] / 2), lidar.position_m),
-        *(_geom("cylinder", hub, robot.wheel_position(w), roll_deg=90.0) for w in WHEELS),
-    ]
+    shapes = [_geom("box", size, (*robot.wheels.centre_m, base.clearance_m + size[2]))]
+    if camera:
+        shapes.append(_geom("box", _half(camera.size_m), camera.position_m))
+    if lidar:
+        size = lidar.size_m[0], lidar.size_m[1] / 2
+        shapes.append(_geom("cylinder", size, lidar.position_m))
+    shapes += [_geom("cylinder", hub, robot.wheel_position(w), roll_deg=90.0) for w in WHEELS]
     if load:
         shapes.append(_geom("box", _half(load.size_m), load.position_m))
     return "".join(shapes)

@@ -99,7 +99,8 @@ class Picture:
         self._grid: tuple[int, int] | None = None
         self._drawn_ns: dict[str, int] = {}
         self._followed = {robot or "target" for robot in scenario.names}
-        self._lidar = np.array(scenario.robot.lidar.position_m)
+        lidar = scenario.robot.lidar
+        self._lidar = np.array((0.0, 0.0, 0.0) if lidar is None else lidar.position_m)
         self._standoff = scenario.follower.standoff
         self._has_skeleton = "skeleton" in scenario.sensor.features
         self._walkers: dict[str, tuple[WalkingPerson, float]] = {}
@@ -117,8 +118,9 @@ class Picture:
             *senses.styles(),
             *panels.line_styles(panels.ROBOT_PLOTS),
         ]
-        if {"tracker", "depth"} & self._scenario.sensor.features:
-            view = senses.frustum(self._scenario.robot.camera, self._scenario.sensors.tracker)
+        camera = self._scenario.robot.camera
+        if camera is not None and {"tracker", "depth"} & self._scenario.sensor.features:
+            view = senses.frustum(camera, self._scenario.sensors.tracker)
             statics.append((layout.FRUSTUM, view))
         if self._name:
             statics.append(scene.label(self._name))
