@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import msgspec
@@ -240,17 +241,22 @@ def bounds(twist: Array, up: Array, down: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def slow_down(twist: Array, gains: Array, rim_speed: float) -> None:
+def slow_down(twist: Array, gains: Array, rim_speed: float) -> npt.NDArray[np.bool_]:
     """Slow down all axes alike, in place, until no rim is above `rim_speed`: `Drive.slowed`.
 
     `gains` are the speeds of a rim per speed of each axis; `rim_speed` is at most `UNLIMITED`.
+    Return which twists are slowed down.
     """
-    rims = np.abs(twist) * gains
-    twist *= rim_speed / np.maximum(rims[0] + rims[1] + rims[2], rim_speed)
+    parts = np.abs(twist) * gains
+    rims = parts[0] + parts[1] + parts[2]
+    is_slowed: npt.NDArray[np.bool_] = rims > rim_speed
+    if is_slowed.any():
+        twist *= rim_speed / np.maximum(rims, rim_speed)
+    return is_slowed
 
 
 class MotionLimits:
-    """Motion limits of `n` robots in steps of `dt` [s]: `Drive.step` for arrays.
+    """Motion limits of `n` robots in steps of `dt` [s]: `Drive.step` and `limited` for arrays.
 
     Limits have the shape (3, n) of the twists: broadcasting would take a tenth of a plan's time.
     """
@@ -269,6 +275,9 @@ class MotionLimits:
         self._fastest = repeated(*(axis.velocity for axis in drive.axes))
         self._lowest = repeated(*(axis.lowest for axis in drive.axes))
         self._gains = repeated(1.0, drive.sideways, drive.lever)
+        self._rise = repeated(*(min(axis.acceleration, UNLIMITED) for axis in drive.axes))
+        self._fall = repeated(*(min(axis.deceleration, UNLIMITED) for axis in drive.axes))
+        self._step = repeated(*(axis.jerk * dt for axis in drive.axes))
         self._rim_speed, self._max_speed = min(drive.rim_speed, UNLIMITED), max_speed
         self._is_slower = drive.is_slower(max_speed)
         self.n, self.dt = n, np.array(dt, dtype)[()]
@@ -296,3 +305,66 @@ class MotionLimits:
             twice = np.where(np.abs(reached) < np.abs(twist), self._twice_down, twice)
         mean: Array = reached - change * np.abs(change) / twice
         return mean
+
+    def aim(self, wanted: Array) -> Array:
+        """Return the twists (3, n) that `follow` ends at, for wanted ones: within all limits."""
+        aim: Array = np.minimum(np.maximum(wanted, self._lowest), self._fastest)
+        slow_down(aim, self._gains, self._rim_speed)
+        return aim
+
+    def follow(self, twist: Array, acceleration: Array, aim: Array) -> tuple[Array, Array]:
+        """Return twist and acceleration (3, n) after a step towards `aim`: `Drive.limited`.
+
+        Without a limit of jerk the accelerations are not needed, and stay as they are.
+        """
+        if self._reach is None:
+            return self._follow(twist, acceleration, aim)
+        missing = aim - twist
+        reached = np.copysign(self._up, missing)
+        reached += twist
+        np.abs(missing, out=missing)
+        np.copyto(reached, aim, where=missing <= self._reach)
+        slow_down(reached, self._gains, self._rim_speed)
+        return reached, acceleration
+
+    @cached_property
+    def _reach(self) -> Array | None:
+        """The largest changes of velocity in a step that `limit` makes at once, with `ROUNDING`.
+
+        None if acceleration and deceleration have different limits, or with a limit of jerk.
+        """
+        if self._down is not self._up or np.isfinite(self._step).any():
+            return None
+        limit = self._rise * (1.0 + ROUNDING)
+        reach: Array = np.nextafter(np.nextafter(limit * self.dt, 0.0), 0.0)
+        while (fits := np.nextafter(reach, np.inf) / self.dt <= limit).any():
+            reach = np.where(fits, np.nextafter(reach, np.inf), reach)
+        return reach
+
+    def _follow(self, twist: Array, acceleration: Array, aim: Array) -> tuple[Array, Array]:
+        reverses = np.sign(twist) * np.sign(aim) < 0.0
+        aim = np.where(reverses & (self._rise != self._fall), 0.0, aim)
+        rise = np.where(twist < 0.0, self._fall, self._rise)
+        fall = np.where(twist > 0.0, self._fall, self._rise)
+        step, slack = self._step, 1.0 + ROUNDING
+        needed = (aim - twist) / self.dt
+        near = (needed >= np.minimum(fall, step) * -slack) & (
+            needed <= np.minimum(rise, step) * slack
+        )
+        near &= np.abs(needed - acceleration) <= step * slack
+        change = np.minimum(np.maximum(self._let_off(aim - twist), -fall), rise)
+        change = np.minimum(np.maximum(change, acceleration - step), acceleration + step)
+        reached = np.where(near, aim, twist + change * self.dt)
+        is_slowed = slow_down(reached, self._gains, self._rim_speed)
+        acceleration = np.where(near, needed, change)
+        return reached, np.where(is_slowed, (reached - twist) / self.dt, acceleration)
+
+    def _let_off(self, missing: Array) -> Array:
+        """Return the accelerations of `_let_off` towards missing velocities (3, n)."""
+        size, free = np.abs(missing), np.isinf(self._step)
+        step = np.where(free, 1.0, self._step)
+        n = np.ceil((np.sqrt(1.0 + 8.0 * size / (self.dt * step)) - 1.0) / 2.0)
+        n = np.maximum(n, 1.0)
+        limited = (size / self.dt + step * n * (n - 1.0) / 2.0) / n
+        wanted: Array = np.copysign(np.where(free, size / self.dt, limited), missing)
+        return wanted

@@ -1,6 +1,7 @@
 """The robot's motion within its limits: one axis, the wheels of all, and arrays of twists."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -49,13 +50,19 @@ finite_limits = st.builds(
     deceleration=positive,
     min_velocity=backwards,
 )
-drives = st.builds(
-    Drive,
-    rim_speed=st.one_of(st.just(math.inf), st.floats(0.2, 5.0)),
-    sideways=st.floats(0.3, 2.0),
-    lever=st.floats(0.05, 0.5),
-    axes=st.tuples(finite_limits, finite_limits, finite_limits),
-)
+
+
+def drives_with(limits):
+    return st.builds(
+        Drive,
+        rim_speed=st.one_of(st.just(math.inf), st.floats(0.2, 5.0)),
+        sideways=st.floats(0.3, 2.0),
+        lever=st.floats(0.05, 0.5),
+        axes=st.tuples(limits, limits, limits),
+    )
+
+
+drives = drives_with(finite_limits)
 speeds = st.floats(-4.0, 4.0)
 twists = st.builds(Twist2D, speeds, speeds, speeds)
 
@@ -205,6 +212,28 @@ def test_arrays_move_as_single_robots_to_the_bit(drive, pairs, max_speed):
     reached = MotionLimits(drive, max_speed, 0.05, len(pairs)).step(start, wanted)
     single = [drive.step(*pair, max_speed, 0.05) for pair in pairs]
     assert reached.T.tolist() == [list(twist) for twist in single]
+
+
+def symmetric(limits):
+    return replace(limits, deceleration=limits.acceleration, jerk=math.inf)
+
+
+@given(
+    drives_with(any_limits),
+    st.booleans(),
+    st.lists(st.tuples(twists, st.integers(1, 20)), min_size=1, max_size=4),
+)
+def test_limited_arrays_move_as_single_robots_to_the_bit(drive, is_symmetric, runs):
+    if is_symmetric:
+        drive = drive._replace(axes=tuple(map(symmetric, drive.axes)))
+    limits, state = MotionLimits(drive, math.inf, DT, 2), (REST,) * 3
+    twist, acceleration = np.zeros((3, 2)), np.zeros((3, 2))
+    for wanted, ticks in runs:
+        aim = limits.aim(np.repeat(np.array(wanted)[:, None], 2, axis=1))
+        for _ in range(ticks):
+            state = drive.limited(state, wanted, DT)
+            twist, acceleration = limits.follow(twist, acceleration, aim)
+            assert twist.T.tolist() == [[axis.velocity for axis in state]] * 2
 
 
 @given(finite_limits, speeds, speeds, st.integers(1, 40))
