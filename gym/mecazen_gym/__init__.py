@@ -2,4 +2,8 @@
 
 import gymnasium
 
-gymnasium.register("mecazen/Follow-v0", entry_point="mecazen_gym.follow:FollowEnv")
+gymnasium.register(
+    "mecazen/Follow-v0",
+    entry_point="mecazen_gym.follow:FollowEnv",
+    vector_entry_point="mecazen_gym.vector:FollowVectorEnv",
+)

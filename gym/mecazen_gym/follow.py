@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from os import PathLike
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, Literal, NamedTuple, NoReturn, TypeVar, get_args
 
 import gymnasium
 import numpy as np
@@ -26,6 +26,7 @@ from mecazen_tools.simulation import Simulation, State, load
 from msgspec.structs import replace
 
 Array = npt.NDArray[np.float32]
+Number = TypeVar("Number", float, npt.NDArray[np.float64])
 
 HEADING_M_RAD = 0.5
 """Cost of a heading error, expressed as a position error [m/rad]."""
@@ -69,6 +70,84 @@ class Observation(NamedTuple):
         return Pose2D(self.person_x_m, self.person_y_m, yaw)
 
 
+Reward = Literal["place", "scores"]
+"""What a reward weighs at the end of a step: place, heading and smoothness, or the errors whose
+means are D_err and Θ_err."""
+
+
+class Task:
+    """The task of both environments: scenario, spaces and reward; raises as `FollowEnv`."""
+
+    def __init__(
+        self,
+        scenario: str | PathLike[str] | Scenario,
+        settings: Mapping[str, Any],
+        *,
+        period_s: float,
+        duration_s: float | None,
+        far_m: float,
+        reward: Reward,
+        render_mode: None,
+    ) -> None:
+        if render_mode is not None:
+            raise ConfigError(f"render_mode = {render_mode!r}: {NO_PICTURES}")
+        if duration_s is not None:
+            settings = {**settings, "sim.duration_s": duration_s}
+        self.scenario = _without_follower(load(scenario, settings))
+        self.follower = self.scenario.follower
+        self.ticks = whole_ticks("period_s", period_s, self.scenario.sim.tick_s)
+        if self.ticks < 1:
+            raise ConfigError(f"period_s = {period_s:g} must be at least a tick")
+        if not far_m > 0.0:
+            raise ConfigError(f"far_m = {far_m:g} must be above 0")
+        if reward not in get_args(Reward):
+            allowed = " and ".join(map(repr, get_args(Reward)))
+            raise ConfigError(f"reward = {reward!r}: allowed are {allowed}")
+        self.reward, self.far_m = reward, far_m
+        self.end_s = (self.scenario.sim.ticks - 1) * self.scenario.sim.tick_s
+        """Time of the last tick [s]."""
+        drive = Drive.from_scenario(self.scenario)
+        gains = 1.0, drive.sideways, drive.lever
+        self.scale = Twist2D(
+            *(
+                min(axis.velocity, drive.rim_speed / gain)
+                for axis, gain in zip(drive.axes, gains, strict=True)
+            )
+        )
+        reach = self.scenario.sensor.max_range_m
+        speeds = [2.0 * speed for speed in self.scale]  # a skidding wheel may report more
+        self.high = np.array([reach, reach, 1, 1, AGE_S, *speeds, 1, 1, 1], np.float32)
+        self.low = -self.high
+        self.low[Observation._fields.index("age_s")] = 0.0
+        self.observation_space = Box(self.low, self.high)
+        self.action_space = Box(-1.0, 1.0, (3,), np.float32)
+
+    def rewarded(
+        self, place: Number, distance: Number, heading: Number, change: Number, seconds: Number
+    ) -> Number:
+        """Return the reward of a step, for numbers or arrays.
+
+        Args:
+            place: Distance of the robot from its place at the end [m].
+            distance: Error of its distance from the person [m].
+            heading: Error of its heading [rad].
+            change: Size of the change of the action.
+            seconds: Length of the step [s].
+        """
+        if self.reward == "scores":
+            return -seconds * (abs(distance) + HEADING_M_RAD * abs(heading))
+        return -seconds * (place + HEADING_M_RAD * abs(heading)) - CHANGE_M_S * change
+
+    def is_near(self, ahead: npt.ArrayLike, beside: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """Return whether the rectangle that holds the robot reaches a person at x, y in base_link.
+
+        The arguments have any shape [m].
+        """
+        gaps = to_rectangle(ahead, beside, self.scenario.robot.footprint)
+        near: npt.NDArray[np.bool_] = gaps <= self.scenario.world.person.radius_m
+        return near
+
+
 class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     """An environment in which a robot is to keep its place beside a walking person: docs/gym.md.
 
@@ -82,6 +161,8 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         period_s: Simulated time of a step; whole ticks.
         duration_s: Simulated time after which an episode is truncated; the scenario's if left out.
         far_m: Distance of the robot from its place beyond which an episode terminates [m].
+        reward: `"place"`: minus the errors of place and heading, and the change of the action;
+            `"scores"`: minus the errors whose means are D_err and Θ_err.
         render_mode: Must be None.
 
     Raises:
@@ -102,38 +183,23 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         period_s: float = 0.1,
         duration_s: float | None = None,
         far_m: float = 3.0,
+        reward: Reward = "place",
         render_mode: None = None,
     ) -> None:
-        EzPickle.__init__(
-            self, scenario, settings, period_s=period_s, duration_s=duration_s, far_m=far_m
+        options = {"duration_s": duration_s, "far_m": far_m, "reward": reward}
+        EzPickle.__init__(self, scenario, settings, period_s=period_s, **options)
+        self._task = task = Task(
+            scenario,
+            settings,
+            period_s=period_s,
+            duration_s=duration_s,
+            far_m=far_m,
+            reward=reward,
+            render_mode=render_mode,
         )
-        if render_mode is not None:
-            raise ConfigError(f"render_mode = {render_mode!r}: {NO_PICTURES}")
-        if duration_s is not None:
-            settings = {**settings, "sim.duration_s": duration_s}
-        self.scenario = _without_follower(load(scenario, settings))
-        self.follower = self.scenario.follower
-        if whole_ticks("period_s", period_s, self.scenario.sim.tick_s) < 1:
-            raise ConfigError(f"period_s = {period_s:g} must be at least a tick")
+        self.scenario, self.follower, self.scale = task.scenario, task.follower, task.scale
+        self.observation_space, self.action_space = task.observation_space, task.action_space
         self.period_s = period_s
-        if not far_m > 0.0:
-            raise ConfigError(f"far_m = {far_m:g} must be above 0")
-        self._far_m = far_m
-        drive = Drive.from_scenario(self.scenario)
-        gains = 1.0, drive.sideways, drive.lever
-        self.scale = Twist2D(
-            *(
-                min(axis.velocity, drive.rim_speed / gain)
-                for axis, gain in zip(drive.axes, gains, strict=True)
-            )
-        )
-        reach = self.scenario.sensor.max_range_m
-        speeds = [2.0 * speed for speed in self.scale]  # a skidding wheel may report more
-        self._high = np.array([reach, reach, 1, 1, AGE_S, *speeds, 1, 1, 1], np.float32)
-        self._low = -self._high
-        self._low[Observation._fields.index("age_s")] = 0.0
-        self.observation_space = Box(self._low, self._high)
-        self.action_space = Box(-1.0, 1.0, (3,), np.float32)
         self.sim = Simulation(self.scenario)
 
     def reset(
@@ -148,6 +214,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         state = self.sim.reset(int(self.np_random.integers(2**32)) if seed is None else seed)
         self._action = np.zeros(3)
         self._seen, self._seen_s = self.follower.standoff.person(Pose2D()), -math.inf
+        self._start, self._scored, self._errors = state.person, 0, (0.0, 0.0)
         self._look()
         return self._observation(), self._info(state)
 
@@ -162,16 +229,18 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         begin_s = self.sim.time_s
         for _ in self.sim.ticks(self.period_s):
             self._look()
-        state = self.sim.state
+            self._score()
+        state, task = self.sim.state, self._task
         info = self._info(state)
-        place_m, heading_rad = info["place_error_m"], info["heading_error_rad"]
-        cost = place_m + HEADING_M_RAD * abs(heading_rad)
-        reward = -cost * (state.time_s - begin_s)
-        reward -= CHANGE_M_S * math.hypot(*(self._action - last))
-        terminated = place_m > self._far_m or self._touches(state)
+        assert state.person is not None  # target takes part
+        place_m, seconds = info["place_error_m"], state.time_s - begin_s
+        distance_m, _, heading_rad = self.follower.standoff.errors(state.person, state.robot)
+        change = math.hypot(*(self._action - last))
+        reward = task.rewarded(place_m, distance_m, heading_rad, change, seconds)
+        ahead, beside, _ = state.robot.between(state.person)
+        terminated = place_m > task.far_m or bool(task.is_near(ahead, beside))
         if terminated:
-            sim = self.scenario.sim
-            reward -= self._far_m * ((sim.ticks - 1) * sim.tick_s - state.time_s)
+            reward -= task.far_m * (task.end_s - state.time_s)
         return self._observation(), reward, terminated, self.sim.is_over, info
 
     def valid(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
@@ -214,6 +283,20 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         self._seen = pose if in_base_link else self._odom.pose.pose.to_planar().between(pose)
         self._seen_s = frame.header.stamp.ns / NS_PER_S
 
+    def _score(self) -> None:
+        """Add the errors of D_err and Θ_err [m, rad] at this tick, once the person has moved."""
+        robot, person = (
+            self.sim.latest(topic.key) for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM)
+        )
+        assert isinstance(robot, Odometry)
+        assert isinstance(person, Odometry)
+        place = person.pose.pose.to_planar()
+        if self._scored or place != self._start:
+            error = self.follower.standoff.errors(place, robot.pose.pose.to_planar())
+            distance, heading = self._errors
+            self._errors = distance + abs(error.distance), heading + abs(error.yaw)
+            self._scored += 1
+
     @property
     def _odom(self) -> Odometry:
         odom = self.sim.latest(keys.ODOM.key)
@@ -231,26 +314,24 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
             *self._odom.twist.twist.to_planar(),
             *self._action.tolist(),
         )
-        return np.array(observation, np.float32).clip(self._low, self._high)
+        return np.array(observation, np.float32).clip(self._task.low, self._task.high)
 
     def _info(self, state: State) -> dict[str, Any]:
-        """Return the truth: time, errors, and the poses in world."""
+        """Return the truth: time, errors, poses in world, and the scores since the reset."""
         assert state.person is not None  # target takes part
+        distance, heading = self._errors
         goal = self.follower.standoff.goal(state.person)
-        return {
+        info = {
             "time_s": state.time_s,
             "place_error_m": state.robot.distance(goal),
             "heading_error_rad": wrap(state.robot.yaw - goal.yaw),
             "robot": np.array(state.robot),
             "person": np.array(state.person),
         }
-
-    def _touches(self, state: State) -> bool:
-        """Return whether the rectangle that holds the robot reaches the person."""
-        assert state.person is not None
-        at = state.robot.between(state.person)
-        gap = float(to_rectangle(at.x, at.y, self.scenario.robot.footprint))
-        return gap <= self.scenario.world.person.radius_m
+        if self._scored:
+            info["d_err_m"] = distance / self._scored
+            info["theta_err_deg"] = math.degrees(heading / self._scored)
+        return info
 
 
 def _without_follower(scenario: Scenario) -> Scenario:
