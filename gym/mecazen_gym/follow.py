@@ -76,18 +76,33 @@ means are D_err and Θ_err."""
 
 
 class Task:
-    """The task of both environments: scenario, spaces and reward; raises as `FollowEnv`."""
+    """The options of the environments, their spaces and their reward: docs/gym.md.
+
+    Args:
+        scenario: A name, a TOML file, or a loaded scenario; its follower does not run, and its
+            section `follower` has the place to keep.
+        settings: Values that replace those of the scenario, by key: `{"follower.standoff_m": 1.5}`.
+        period_s: Simulated time of a step; whole ticks.
+        duration_s: Simulated time after which an episode is truncated; the scenario's if left out.
+        far_m: Distance of the robot from its place beyond which an episode terminates [m].
+        reward: `"place"`: minus the errors of place and heading, and the change of the action;
+            `"scores"`: minus the errors whose means are D_err and Θ_err.
+        render_mode: Must be None.
+
+    Raises:
+        ConfigError: A setting can't be used; the message names the allowed values.
+    """
 
     def __init__(
         self,
-        scenario: str | PathLike[str] | Scenario,
-        settings: Mapping[str, Any],
+        scenario: str | PathLike[str] | Scenario = "back",
+        settings: Mapping[str, Any] = {},
         *,
-        period_s: float,
-        duration_s: float | None,
-        far_m: float,
-        reward: Reward,
-        render_mode: None,
+        period_s: float = 0.1,
+        duration_s: float | None = None,
+        far_m: float = 3.0,
+        reward: Reward = "place",
+        render_mode: None = None,
     ) -> None:
         if render_mode is not None:
             raise ConfigError(f"render_mode = {render_mode!r}: {NO_PICTURES}")
@@ -103,7 +118,7 @@ class Task:
         if reward not in get_args(Reward):
             allowed = " and ".join(map(repr, get_args(Reward)))
             raise ConfigError(f"reward = {reward!r}: allowed are {allowed}")
-        self.reward, self.far_m = reward, far_m
+        self.period_s, self.reward, self.far_m = period_s, reward, far_m
         self.end_s = (self.scenario.sim.ticks - 1) * self.scenario.sim.tick_s
         """Time of the last tick [s]."""
         drive = Drive.from_scenario(self.scenario)
@@ -152,21 +167,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     """An environment in which a robot is to keep its place beside a walking person: docs/gym.md.
 
     An action is the twist of base_link (x, y, yaw), where 1 is `scale`. It holds for `period_s`.
-    A copy, by `pickle` or `deepcopy`, is a new environment with the same options.
-
-    Args:
-        scenario: A name, a TOML file, or a loaded scenario; its follower does not run, and its
-            section `follower` has the place to keep.
-        settings: Values that replace those of the scenario, by key: `{"follower.standoff_m": 1.5}`.
-        period_s: Simulated time of a step; whole ticks.
-        duration_s: Simulated time after which an episode is truncated; the scenario's if left out.
-        far_m: Distance of the robot from its place beyond which an episode terminates [m].
-        reward: `"place"`: minus the errors of place and heading, and the change of the action;
-            `"scores"`: minus the errors whose means are D_err and Θ_err.
-        render_mode: Must be None.
-
-    Raises:
-        ConfigError: A setting can't be used; the message names the allowed values.
+    A copy, by `pickle` or `deepcopy`, is a new environment with the same options, those of `Task`.
 
     Attributes:
         scenario: The whole configuration, without the follower.
@@ -176,30 +177,12 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     """
 
     def __init__(
-        self,
-        scenario: str | PathLike[str] | Scenario = "back",
-        settings: Mapping[str, Any] = {},
-        *,
-        period_s: float = 0.1,
-        duration_s: float | None = None,
-        far_m: float = 3.0,
-        reward: Reward = "place",
-        render_mode: None = None,
+        self, scenario: str | PathLike[str] | Scenario = "back", *settings: Any, **options: Any
     ) -> None:
-        options = {"duration_s": duration_s, "far_m": far_m, "reward": reward}
-        EzPickle.__init__(self, scenario, settings, period_s=period_s, **options)
-        self._task = task = Task(
-            scenario,
-            settings,
-            period_s=period_s,
-            duration_s=duration_s,
-            far_m=far_m,
-            reward=reward,
-            render_mode=render_mode,
-        )
+        EzPickle.__init__(self, scenario, *settings, **options)
+        self._task = task = Task(scenario, *settings, **options)
         self.scenario, self.follower, self.scale = task.scenario, task.follower, task.scale
         self.observation_space, self.action_space = task.observation_space, task.action_space
-        self.period_s = period_s
         self.sim = Simulation(self.scenario)
 
     def reset(
@@ -224,10 +207,10 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         Raises:
             InvalidAction: The action is not three numbers.
         """
-        last, self._action = self._action, self.valid(action).clip(-1.0, 1.0)
+        last, self._action = self._action, valid(action, (3,)).clip(-1.0, 1.0)
         self.sim.command(*(self._action * self.scale).tolist())
         begin_s = self.sim.time_s
-        for _ in self.sim.ticks(self.period_s):
+        for _ in self.sim.ticks(self._task.period_s):
             self._look()
             self._score()
         state, task = self.sim.state, self._task
@@ -242,20 +225,6 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         if terminated:
             reward -= task.far_m * (task.end_s - state.time_s)
         return self._observation(), reward, terminated, self.sim.is_over, info
-
-    def valid(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Return an action as three numbers.
-
-        Raises:
-            InvalidAction: The action is not three numbers.
-        """
-        try:
-            values = np.asarray(action, float)
-        except (TypeError, ValueError):  # text, or rows of several lengths
-            values = np.empty(0)
-        if values.shape != (3,) or not np.isfinite(values).all():
-            raise gymnasium.error.InvalidAction(f"an action is three numbers, got {action!r}")
-        return values
 
     def action(self, twist: Twist2D) -> Array:
         """Return the action that commands a twist of base_link as closely as possible."""
@@ -332,6 +301,24 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
             info["d_err_m"] = distance / self._scored
             info["theta_err_deg"] = math.degrees(heading / self._scored)
         return info
+
+
+def valid(actions: npt.ArrayLike, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    """Return actions as finite numbers of a shape (…, 3).
+
+    Raises:
+        InvalidAction: They are none.
+    """
+    try:
+        values = np.asarray(actions, float)
+    except (TypeError, ValueError):  # text, or rows of several lengths
+        values = np.empty(0)
+    if values.shape != shape or not np.isfinite(values).all():
+        rows = "" if len(shape) == 1 else f" for each of {shape[0]} environments"
+        raise gymnasium.error.InvalidAction(
+            f"an action is three numbers{rows}, got {actions!r:.80}"
+        )
+    return values
 
 
 def _without_follower(scenario: Scenario) -> Scenario:

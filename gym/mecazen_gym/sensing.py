@@ -26,7 +26,7 @@ GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 LEVELS = 2**16
 """Number of values of a drawn number; four are drawn at once."""
 NEVER = -(2**40)
-"""A tick before all others."""
+"""A tick long before the first."""
 FRAME, FAULT, ODOMETRY, EPISODE = range(4)
 """Kinds of random numbers, each with its own numbers of draws."""
 
@@ -72,36 +72,39 @@ class Persons:
         scenarios: A scenario for each walk, of which `target` is used.
         ticks: Ticks for which poses are needed, at the highest speed.
         n: Number of environments.
-
-    Attributes:
-        walk: Number of each person's walk (n).
-        speed: Factor of each person's speed (n); None: 1 for all.
     """
 
     def __init__(self, scenarios: Sequence[Scenario], ticks: int, n: int) -> None:
         tables = [_poses(scenario, ticks) for scenario in scenarios]
         moved = [(table != table[:, :1]).any(axis=0) for table in tables]
         self._first = np.array([row.argmax() if row.any() else ticks for row in moved])
-        self._poses, self._ticks = np.concatenate(tables, axis=1), ticks
-        self.walk: Ints = np.zeros(n, np.int64)
-        self.speed: Floats | None = None
+        self._poses = np.ascontiguousarray(np.concatenate(tables, axis=1))
+        self._ticks = ticks
+        self._walk: Ints = np.zeros(n, np.int64)
+        self._speed: Floats | None = None
+
+    def reset(self, envs: Ints, walks: Ints, speeds: Floats | None) -> None:
+        """Let some persons begin walks (k), at speeds (k) with the given factors."""
+        self._walk[envs] = walks
+        if speeds is not None:
+            self._speed = np.ones(len(self._walk)) if self._speed is None else self._speed
+            self._speed[envs] = speeds
 
     def at(self, ticks: Ints, envs: Ints | slice = slice(None)) -> Floats:
-        """Return the poses in world (3, …, k) of some persons at ticks (…, k); yaw not wrapped."""
-        begin = self.walk[envs] * self._ticks
-        if self.speed is None:
+        """Return the poses in world (3, k) of some persons at ticks (k); yaw is not wrapped."""
+        begin = self._walk[envs] * self._ticks
+        if self._speed is None:
             return self._poses.take(begin + np.clip(ticks, 0, self._ticks - 1), axis=1)
-        times = np.clip(ticks * self.speed[envs], 0.0, self._ticks - 2.0)
+        times = np.clip(ticks * self._speed[envs], 0.0, self._ticks - 2.0)
         whole = times.astype(np.int64)
         before, after = (self._poses.take(begin + whole + k, axis=1) for k in (0, 1))
         poses: Floats = before + (times - whole) * (after - before)
         return poses
 
     def have_moved(self, ticks: Ints) -> Mask:
-        """Return whether each person has moved at ticks (…, n): then the scores count."""
-        moved: Mask = (
-            ticks * (1.0 if self.speed is None else self.speed) > self._first[self.walk] - 1
-        )
+        """Return whether each person has moved at ticks (n): then the scores count."""
+        times = ticks if self._speed is None else ticks * self._speed
+        moved: Mask = times > self._first[self._walk] - 1
         return moved
 
 
@@ -145,9 +148,12 @@ class PoseSensors:
         self.noise = np.ones(n)
         """Factor of the noise of each sensor (n)."""
 
-    def reset(self, envs: Ints) -> None:
-        """Forget the person: until a frame shows them, the robot is in its place."""
+    def reset(self, envs: Ints, streams: Words, noise: Floats | None) -> None:
+        """Forget some persons, until a frame shows them, and take new streams and noise (k)."""
         self.seen[:, envs], self.seen_tick[envs] = self._nowhere, NEVER
+        self.streams[envs] = streams
+        if noise is not None:
+            self.noise[envs] = noise
 
     def observe(self, envs: Ints, begin: Ints, end: Ints, poses: Floats, newest: Ints) -> None:
         """Take the newest frame after the tick `begin`, until `end`, that shows the person.

@@ -191,5 +191,5 @@ def test_wrong_actions_and_seeds_are_refused():
     with pytest.raises(ConfigError, match="seed"):
         env.reset(seed=[1, 2, 3])
     env.reset(seed=1)
-    with pytest.raises(gymnasium.error.InvalidAction, match=r"shape \(2, 3\)"):
+    with pytest.raises(gymnasium.error.InvalidAction, match="each of 2"):
         env.step(STILL)
