@@ -25,7 +25,8 @@ Name = Annotated[str, msgspec.Meta(min_length=1)]
 Settings = tuple[str, ...]
 """Overrides `key=value`, as in `--set`."""
 Label = bool | int | float | str
-How = Literal["mean", "share", "sum", "min", "max", "value", "difference", "ratio", "most_per_hour"]
+Over = Literal["sum", "min", "median", "p90", "max"]
+How = Literal["mean", "share", "value", "difference", "ratio", "most_per_hour"] | Over
 """The way in which a column of a table summarises the runs of a row."""
 Value = bool | int | float | str | None
 """A value of a column that a program returns."""
@@ -38,6 +39,7 @@ PROGRAMS = {
     "fuzz": f"{PACKAGE.name}.fuzz",
     "mocap": f"{PACKAGE.name}.mocap",
     "safety": f"{PACKAGE.name}.safety",
+    "surrogate": "mecazen_gym.surrogate",
     "walkers": f"{PACKAGE.name}.limit",
 }
 """Modules of the programs, by the names of their functions, which are those in studies."""

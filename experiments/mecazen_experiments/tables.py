@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from itertools import product
-from statistics import fmean
+from statistics import fmean, median
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 from mecazen.errors import ConfigError
 from mecazen_tools.statistics import LEAST_UNITS, Interval, mean_interval, show
@@ -21,6 +22,8 @@ from mecazen_experiments.study import Column, Label, Study, StudyTable, check_kn
 REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
     "sum": math.fsum,
     "min": min,
+    "median": median,
+    "p90": lambda values: float(np.percentile(values, 90.0)),
     "max": max,
 }
 CAPTION = (
@@ -200,7 +203,7 @@ def _cell(column: Column, name: str, group: pd.DataFrame, unit: Sequence[str], u
         case "value":
             shown = (value if isinstance(value, str) else f"{value:.{digits}f}" for value in values)
             return ", ".join(dict.fromkeys(shown))
-        case "sum" | "min" | "max":
+        case "sum" | "min" | "median" | "p90" | "max":
             return f"{REDUCTIONS[column.how](values):.{digits}f}"
         case "most_per_hour":
             hours = math.fsum(group["time_s"]) / 3600.0

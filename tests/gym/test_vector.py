@@ -1,6 +1,7 @@
 """Many environments on a plane: Gymnasium's rules, and full physics as the measure."""
 
 import math
+from typing import NamedTuple
 
 import gymnasium
 import mecazen_gym
@@ -11,6 +12,8 @@ from gymnasium.vector import AutoresetMode
 from mecazen.errors import ConfigError
 from mecazen_gym.follow import FollowEnv
 from mecazen_gym.sensing import ODOMETRY, draw, scrambled, uniform
+from mecazen_gym.surrogate import surrogate
+from mecazen_tools.simulation import load
 
 gymnasium.register_envs(mecazen_gym)
 
@@ -156,6 +159,37 @@ def test_episodes_draw_walks_and_what_varies_by_their_seeds():
     assert np.ptp(last["robot"], axis=0).min() > 0.01
     again = play(env, 1, steps=9)[1][-1][-1]
     assert np.array_equal(again["robot"], last["robot"])
+
+
+class Job(NamedTuple):
+    """A run of the study, of little more than a second."""
+
+    seed: int
+    settings: dict[str, object]
+
+    def load(self):
+        """Return the scenario."""
+        return load("back", {"sim.duration_s": 1.1, "seed": self.seed, **self.settings})
+
+
+@pytest.mark.parametrize(
+    ("settings", "place_mm", "heading_deg"),
+    [
+        ({}, 0.5, 0.05),
+        ({"services": ["physics", "controller", "target"]}, 3.0, 0.3),
+        ({"robot.motors": {"delay_s": 0.02, "time_constant_s": 0.08}}, 1.0, 0.1),
+    ],
+    ids=["follower", "random", "real motors"],
+)
+def test_the_plane_is_near_full_physics_for_a_second(settings, place_mm, heading_deg):
+    # three times what the study shows
+    columns = surrogate(Job(1, settings))
+    assert not columns["contact_1"]
+    assert columns["all_1_mm"] < place_mm
+    assert columns["all_1_deg"] < heading_deg
+    assert columns["touched_all_1_mm"] is None
+    without = "lag" if "robot.motors" in settings else "limits"
+    assert columns[f"{without}_1_mm"] > 2.0 * columns["all_1_mm"]
 
 
 def test_random_numbers_are_splitmix64():
