@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import msgspec
@@ -117,7 +116,7 @@ def limit(state: LimiterState, reference: float, limits: Limits, dt: float) -> L
     needed = missing / dt
     slack = 1.0 + ROUNDING
     if (
-        -min(fall, step) * slack <= needed <= min(rise, step) * slack
+        -min(fall, step) * dt * slack <= missing <= min(rise, step) * dt * slack
         and abs(needed - acceleration) <= step * slack
     ):
         return LimiterState(aim, needed)
@@ -278,6 +277,8 @@ class MotionLimits:
         self._rise = repeated(*(min(axis.acceleration, UNLIMITED) for axis in drive.axes))
         self._fall = repeated(*(min(axis.deceleration, UNLIMITED) for axis in drive.axes))
         self._step = repeated(*(axis.jerk * dt for axis in drive.axes))
+        self._is_uneven = self._down is not self._up or bool(np.isfinite(self._step).any())
+        self._near = self._up * (1.0 + ROUNDING)
         self._rim_speed, self._max_speed = min(drive.rim_speed, UNLIMITED), max_speed
         self._is_slower = drive.is_slower(max_speed)
         self.n, self.dt = n, np.array(dt, dtype)[()]
@@ -317,42 +318,28 @@ class MotionLimits:
 
         Without a limit of jerk the accelerations are not needed, and stay as they are.
         """
-        if self._reach is None:
+        if self._is_uneven:
             return self._follow(twist, acceleration, aim)
         missing = aim - twist
         reached = np.copysign(self._up, missing)
         reached += twist
         np.abs(missing, out=missing)
-        np.copyto(reached, aim, where=missing <= self._reach)
+        np.copyto(reached, aim, where=missing <= self._near)
         slow_down(reached, self._gains, self._rim_speed)
         return reached, acceleration
-
-    @cached_property
-    def _reach(self) -> Array | None:
-        """The largest changes of velocity in a step that `limit` makes at once, with `ROUNDING`.
-
-        None if acceleration and deceleration have different limits, or with a limit of jerk.
-        """
-        if self._down is not self._up or np.isfinite(self._step).any():
-            return None
-        limit = self._rise * (1.0 + ROUNDING)
-        reach: Array = np.nextafter(np.nextafter(limit * self.dt, 0.0), 0.0)
-        while (fits := np.nextafter(reach, np.inf) / self.dt <= limit).any():
-            reach = np.where(fits, np.nextafter(reach, np.inf), reach)
-        return reach
 
     def _follow(self, twist: Array, acceleration: Array, aim: Array) -> tuple[Array, Array]:
         reverses = np.sign(twist) * np.sign(aim) < 0.0
         aim = np.where(reverses & (self._rise != self._fall), 0.0, aim)
         rise = np.where(twist < 0.0, self._fall, self._rise)
         fall = np.where(twist > 0.0, self._fall, self._rise)
-        step, slack = self._step, 1.0 + ROUNDING
-        needed = (aim - twist) / self.dt
-        near = (needed >= np.minimum(fall, step) * -slack) & (
-            needed <= np.minimum(rise, step) * slack
+        step, slack, missing = self._step, 1.0 + ROUNDING, aim - twist
+        needed = missing / self.dt
+        near = (missing >= -np.minimum(fall, step) * self.dt * slack) & (
+            missing <= np.minimum(rise, step) * self.dt * slack
         )
         near &= np.abs(needed - acceleration) <= step * slack
-        change = np.minimum(np.maximum(self._let_off(aim - twist), -fall), rise)
+        change = np.minimum(np.maximum(self._let_off(missing), -fall), rise)
         change = np.minimum(np.maximum(change, acceleration - step), acceleration + step)
         reached = np.where(near, aim, twist + change * self.dt)
         is_slowed = slow_down(reached, self._gains, self._rim_speed)
