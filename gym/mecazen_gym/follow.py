@@ -177,10 +177,13 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     """
 
     def __init__(
-        self, scenario: str | PathLike[str] | Scenario = "back", *settings: Any, **options: Any
+        self,
+        scenario: str | PathLike[str] | Scenario = "back",
+        settings: Mapping[str, Any] = {},
+        **options: Any,
     ) -> None:
-        EzPickle.__init__(self, scenario, *settings, **options)
-        self._task = task = Task(scenario, *settings, **options)
+        EzPickle.__init__(self, scenario, settings, **options)
+        self._task = task = Task(scenario, settings, **options)
         self.scenario, self.follower, self.scale = task.scenario, task.follower, task.scale
         self.observation_space, self.action_space = task.observation_space, task.action_space
         self.sim = Simulation(self.scenario)

@@ -103,6 +103,7 @@ class PlanarRobots:
         self.pose, self.measured, self._twist = (np.zeros((3, n)) for _ in range(3))
         self._command, self._acceleration, self._wheels = (np.zeros((3, n)) for _ in range(3))
         self._pending = deque(np.zeros((self._effects.delay_ticks, 3, n)))
+        self._motors = np.array(self._effects.motors).T[:, :, None]
         self._gain, self._traction = np.ones((3, n)), np.ones((3, n))
         self._kept, self._mean = np.zeros(n), np.zeros(n)
         self.reset(np.arange(n), {})
@@ -150,7 +151,8 @@ class PlanarRobots:
             self._pending.append(command)
             command = self._pending.popleft()
         if self._effects.motors != STRAIGHT:
-            command = np.einsum("ij,jn->in", np.array(self._effects.motors), command)
+            x, y, yaw = (parts * axis for parts, axis in zip(self._motors, command, strict=True))
+            command = x + y + yaw
         mean = command
         if self._has_lag:
             missing = self._wheels - command

@@ -103,11 +103,15 @@ def test_a_second_is_that_of_full_physics_without_noise(reward):
 
 
 def test_results_depend_on_the_seed_of_each_environment_alone():
-    observations, _ = play(make(3), 7)
-    alone, _ = play(make(1), 8)
+    # also if another one slips, or its motors are slow
+    vary = {"friction": (0.1, 1.0), "lag_s": (0.0, 0.1), "speed": (0.5, 2.0)}
+    motors = {"delay_s": 0.02, "time_constant_s": 0.05, "gains": [1.0, 1.02, 0.99, 1.0]}
+    options = {"vary": vary, "settings": {"robot.motors": motors}}
+    observations, _ = play(make(3, **options), 7)
+    alone, _ = play(make(1, **options), 8)
     assert np.array_equal(observations[:, 1], alone[:, 0])
     assert not np.array_equal(observations[:, 0], observations[:, 1])
-    listed, _ = play(make(2), [9, 7])
+    listed, _ = play(make(2, **options), [9, 7])
     assert np.array_equal(listed, observations[:, [2, 0]])
 
 
