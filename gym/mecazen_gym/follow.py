@@ -71,8 +71,7 @@ class Observation(NamedTuple):
 
 
 Reward = Literal["place", "scores"]
-"""What a reward weighs at the end of a step: place, heading and smoothness, or the errors whose
-means are D_err and Θ_err."""
+"""Kinds of reward: by place, heading and smoothness, or by the errors of D_err and Θ_err."""
 
 
 class Task:

@@ -43,8 +43,7 @@ VARIED: dict[str, Any] = {
     "speed": 5,
     "gain": slice(6, 9),
 }
-"""What `vary` can name, and which of an episode's random numbers it has; the first is the walk's.
-"""
+"""Names in `vary`, and their rows of an episode's random numbers; the first row is the walk's."""
 ONLY = {
     "controller.odometry": "wheel",
     "controller.update_rate_hz": None,
