@@ -14,9 +14,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from mecazen.errors import ConfigError
+from mecazen.explain import explain
 from mecazen.files import read_bytes
 from mecazen.geometry import Pose2D
-from mecazen.schema import Probability
+from mecazen.schema import Probability, Section
 from mecazen.text import printable
 
 HEIGHT_M = 2.0
@@ -27,7 +28,7 @@ MAX_BOXES = 5_000
 warehouse needs 2,172."""
 
 
-class _Settings(msgspec.Struct):
+class _Settings(Section, frozen=True, forbid_unknown_fields=False):
     """The keys of map_server's YAML file that boxes depend on; `free_thresh` is not one."""
 
     image: str
@@ -50,9 +51,13 @@ def read_map(path: Path) -> list[dict[str, Any]]:
     """
     content = read_bytes(path)
     try:
-        settings = msgspec.yaml.decode(content, type=_Settings, strict=False)
+        raw = msgspec.yaml.decode(content)
+        settings = msgspec.convert(raw, _Settings, strict=False)
     except ImportError:
         raise ConfigError(_MISSING) from None
+    except msgspec.ValidationError as error:
+        parts = (str(path), *explain(error, raw, _Settings))
+        raise ConfigError(printable(": ".join(filter(None, parts)))) from None
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise ConfigError(printable(f"{path}: {error}")) from None
     if not all(map(math.isfinite, settings.origin)):

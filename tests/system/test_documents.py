@@ -324,6 +324,29 @@ def test_a_motion_file_is_walked_as_on_the_page(tmp_path):
         run([[*shlex.split(line), *short]], tmp_path)
 
 
+# world.md
+
+
+def test_a_map_and_recorded_people_work_as_on_the_page(tmp_path):
+    page = (ROOT / "docs" / "world.md").read_text()
+    maps, people = re.findall(r"## (?:Maps of Nav2|Recorded people)\n.*?(?=\n## )", page, re.DOTALL)
+    walls = bytearray(b"\xfe" * 400 * 400)
+    walls[: 400 * 10] = bytes(400 * 10)
+    (tmp_path / "floor.pgm").write_bytes(b"P5 400 400 255\n" + walls)
+    (tmp_path / "floor.yaml").write_text(
+        "image: floor.pgm\nresolution: 0.05\norigin: [-10, -10, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    rows = [f"{6 * n} {i} {n / 4} 0 {i / 50} 0 0 0\n" for n in range(20) for i in (100, 171)]
+    (tmp_path / "obsmat.txt").write_text("".join(rows))
+    lines = [line for _, block in BLOCK.findall(maps + people) for line in block.splitlines()]
+    for line in lines:
+        words = shlex.split(line, comments=True)
+        short = ["--duration", "1"] * (words[1] == "simulate")
+        if words[1] != "experiment":
+            run([[*words, *short]], tmp_path)
+
+
 # hardware.md
 
 
