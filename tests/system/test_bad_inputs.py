@@ -82,6 +82,7 @@ BAD = [
     (("info", "none.mcap"), ("none.mcap", "No such file")),
     (("plot", "/dev/null"), ("/dev/null", "regular file")),
     (("score", "none.mcap"), ("none.mcap", "No such file")),
+    (("people", "import", "none.txt"), ("none.txt", "No such file")),
     (("replay", "none.mcap"), ("none.mcap", "No such file")),
     (("replay", "/dev/null", "--through", "follower", "--loop"), ("regular file",)),
     ((*NOBODY, "record", "-o", "/dev/null/run.mcap"), ("tcp/127.0.0.1:1",)),
