@@ -61,6 +61,8 @@ def test_a_urdf_with_fixed_wheels(robot_import, capsys):
         Simulation("back", {"robot": file, "sensor.kind": "body"})
     with Simulation("back", {"robot": file, "sensor.kind": "legs"}, duration_s=1.0) as simulation:
         simulation.run()
+        assert simulation.latest("scan").header.frame_id == "laser_frame"
+        assert simulation.latest("joint_states").name[:4] == robot.wheels.joints
 
 
 def test_a_xacro_with_its_controller(robot_import, capsys):

@@ -87,13 +87,13 @@ def draw(robot: Robot) -> Figure:
         middle = base.clearance_m + base.height_m / 2
         _box(side, (ahead, middle), (base.length_m, base.height_m), BLUE)
         above.plot(0.0, 0.0, "k+")  # base_link
-        for wheel in WHEELS:
+        for wheel, number in zip(WHEELS, wheels.mounting, strict=True):
             x, y, z = robot.wheel_position(wheel)
             _box(above, (x, y), (2 * radius, width), "#555555")
             side.add_patch(Circle((x, z), radius, facecolor="#555555", alpha=0.7))
             # the rollers on top
-            corner = (x - ahead) * (y - left)
-            slope = math.copysign(math.tan(robot.roller_angle), corner * robot.cross_gain)
+            gain = robot.cross_gain if number in {1, 4} else -robot.cross_gain
+            slope = math.copysign(math.tan(robot.roller_angle), gain)
             for roller in (-0.6 * radius, 0.0, 0.6 * radius):
                 ends = [x + roller + slope * end for end in (-width / 2, width / 2)]
                 above.plot(ends, [y - width / 2, y + width / 2], color="white", lw=0.8)
