@@ -1,5 +1,6 @@
 """Many environments on a plane: Gymnasium's rules, and full physics as the measure."""
 
+import hashlib
 import math
 from typing import NamedTuple
 
@@ -194,6 +195,26 @@ def test_the_plane_is_near_full_physics_for_a_second(settings, place_mm, heading
     assert columns["touched_all_1_mm"] is None
     without = "lag" if "robot.motors" in settings else "limits"
     assert columns[f"{without}_1_mm"] > 2.0 * columns["all_1_mm"]
+
+
+def test_an_episode_has_the_same_bits_on_every_processor_and_python():
+    settings = {
+        "controller.limits.x.max_jerk_m_s3": 20.0,
+        "controller.odometry_noise.x_m_s": 0.01,
+        "robot.motors": {"delay_s": 0.02, "gains": [1.0, 1.02, 0.99, 1.0]},
+        "sensor.faults.outlier_probability": 0.1,
+        "sensor.fov_deg": 90.0,
+        "sensor.latency_s": 0.05,
+    }
+    walks = [{"target.path.kind": "circle"}, {"target.path": {"kind": "wander", "number": 3}}]
+    vary = {"friction": (0.1, 1.0), "lag_s": (0.0, 0.1), "mass": (0.5, 9.0), "speed": (0.5, 2.0)}
+    env = make(16, settings=settings, walks=walks, vary=vary)
+    digest = hashlib.sha256()
+    for values in zip(*play(env, 3, steps=22, size=1.0), strict=False):
+        observation, (reward, *_, info) = values
+        for array in (observation, reward, info["robot"], info["person"], info["d_err_m"]):
+            digest.update(array.tobytes())
+    assert digest.hexdigest()[:16] == "fd89c618f46ef649"
 
 
 def test_random_numbers_are_splitmix64():
