@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import gzip
 import math
 import os
@@ -167,8 +168,8 @@ def test_a_reference_may_be_mounted_at_any_angle(degrees):
         assert values[name].mean == pytest.approx(expected, rel=0.003)  # as without a turn
     # the noise moves it by less than 0.1°, and by some millimetres
     assert values["misalignment_rad"].mean == pytest.approx(turn + MOUNTED[0], abs=0.002)
-    offset = values["offset_x_m"].mean, values["offset_y_m"].mean
-    assert offset == pytest.approx(MOUNTED[1:], abs=0.005)
+    offset = complex(values["offset_x_m"].mean, values["offset_y_m"].mean)
+    assert offset == pytest.approx(complex(*MOUNTED[1:]) * cmath.exp(-1j * turn), abs=0.005)
 
 
 # ---- the recorded robot
