@@ -211,7 +211,7 @@ def _cell(column: Column, name: str, group: pd.DataFrame, unit: Sequence[str], u
     means = [*unit_means(group, unit, name).values()]
     if column.how == "mean":
         interval = mean_interval(means)
-    elif {*means} <= {0.0, 1.0}:
+    elif {*means} <= {0.0, 1.0} and len(means) != 2:  # of two units, both values are shown
         interval = share_interval([mean == 1.0 for mean in means])
     else:
         interval = mean_interval([100.0 * mean for mean in means])

@@ -58,12 +58,13 @@ def test_a_csv_is_read_back_to_the_same_tables(tmp_path):
 
 
 def test_a_unit_is_averaged_before_its_interval(tmp_path):
-    spec = study(tmp_path, 'rows = ["case"]\nunit = ["walk"]\ncolumns = [["x [m]", "x", 1]]')
-    rows = [("b", "back", "u", 1, {"x": 0.0}), ("b", "back", "u", 2, {"x": 2.0})]
-    rows += [("b", "back", "v", 1, {"x": 3.0})]
+    columns = '[["x [m]", "x", 1], ["ok", "ok", 0, "share"]]'
+    spec = study(tmp_path, f'rows = ["case"]\nunit = ["walk"]\ncolumns = {columns}')
+    values = ("u", 1, 0.0, True), ("u", 2, 2.0, True), ("v", 1, 3.0, False)
+    rows = [("b", "back", walk, seed, {"x": x, "ok": ok}) for walk, seed, x, ok in values]
     (table,) = make_tables(spec, frame.read(spec, runs(rows)))
-    assert table.head == ("case", "n", "x [m]")
-    assert table.rows == [("b", "2 (3 runs)", "1.0, 3.0")]  # two units are two values
+    assert table.head == ("case", "n", "x [m]", "ok")
+    assert table.rows == [("b", "2 (3 runs)", "1.0, 3.0", "0, 100")]  # two units are two values
 
 
 def test_columns_summarise_in_several_ways(tmp_path):
