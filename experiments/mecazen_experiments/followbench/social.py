@@ -57,7 +57,8 @@ class SocialFollower(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self._is_behind = scenario.follower.view == "back"
-        self._lidar = scenario.robot.lidar.pose
+        lidar = scenario.robot.lidar
+        self._lidar = lidar.pose if lidar else Pose2D()  # without one there is no scan
         self._ticks = round(STEP_S / scenario.sim.tick_s)
 
     def reset(self, seed: int) -> None:
