@@ -303,7 +303,7 @@ def find_wheels(path: Path, description: Description, controller: Controller) ->
 def _radius(wheel: Part, rollers: Sequence[Part], controller: Controller) -> float | None:
     """Return the radius of a wheel: of its rollers, of its shapes, or the controller's [m]."""
     radii = [shape.size[0] for shape in wheel.shapes if shape.kind != "box"]
-    if rollers:
+    if any(roller.thickness for roller in rollers):
         radii = [_distance(wheel, roller) + roller.thickness for roller in rollers]
     return float(max(radii)) if radii else controller.radius
 
@@ -352,7 +352,7 @@ def _put_wheels(
         bottom = math.atan2(x, -z)  # angle about y to the ground, on which it points …
         forward = math.cos(bottom) * roller.axis[0] + math.sin(bottom) * roller.axis[2]
         angle = math.degrees(math.acos(min(1.0, abs(float(roller.axis @ axle)))))
-        draft.put("rollers.max_radius_m", roller.thickness)
+        draft.need("rollers.max_radius_m", roller.thickness, "the rollers are only meshes")
         draft.put("rollers.bearing_friction_nms", roller.damping)
         draft.put("rollers.angle_deg", angle)
         # … forward and right, if those of the front left wheel are part of an X
