@@ -115,7 +115,8 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         self._seeds: Ints | None = None
         self._episodes, self._tick = np.zeros(num_envs, np.int64), np.zeros(num_envs, np.int64)
         self._done, self._actions = np.zeros(num_envs, bool), np.zeros((num_envs, 3))
-        self._past = np.zeros((self._sensors.past + 1, 3, num_envs))
+        self._history = np.zeros((self._sensors.past + 1 + task.ticks, 3, num_envs))
+        """Poses of the robots at the newest ticks (rows, 3, n)."""
         self._robot, self._person = np.zeros((3, num_envs)), np.zeros((3, num_envs))
         self._scored, self._errors = np.zeros(num_envs), np.zeros((2, num_envs))
 
@@ -161,15 +162,17 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         last, task, begin, ended = self._actions, self._task, self._tick, self._done
         self._actions = valid(actions, last.shape).clip(-1.0, 1.0)
         self._tick = np.minimum(begin + task.ticks, self._last)
-        history = np.concatenate((self._past, np.empty((task.ticks, 3, self.num_envs))))
-        poses = history[len(self._past) :]
-        self.robots.drive(self._actions.T * np.array(self.scale)[:, None], poses)
+        self._history[: -task.ticks] = self._history[task.ticks :]
+        poses, newest = self._history[-task.ticks :], begin + task.ticks
+        wanted = np.ascontiguousarray(self._actions.T) * np.array(self.scale)[:, None]
+        self.robots.drive(wanted, poses)
         everyone = np.arange(self.num_envs)
-        self._sensors.observe(everyone, begin, self._tick, history, begin + task.ticks)
-        self._past = history[task.ticks :]
-        self._robot = np.ascontiguousarray(poses[self._tick - begin - 1, :, everyone].T)
+        self._sensors.observe(everyone, begin, self._tick, self._history, newest)
+        short = np.flatnonzero(self._tick < newest)
+        self._robot[:] = poses[-1]
+        self._robot[:, short] = poses[(self._tick - begin - 1)[short], :, short].T
         self._person = self._persons.at(self._tick)
-        place, distance, heading = self._measure()
+        self._measured = place, distance, heading = self._measure()
         counts = self._persons.have_moved(self._tick)
         self._errors += counts * np.abs((distance, heading))
         self._scored += counts
@@ -203,11 +206,12 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         self._persons.reset(envs, walks, varied.get("speed"))
         self._tick[envs], self._actions[envs] = 0, 0.0
         self._scored[envs], self._errors[:, envs] = 0.0, 0.0
-        self._robot[:, envs] = self._past[-1][:, envs] = self.robots.pose[:, envs]
+        self._robot[:, envs] = self._history[-1][:, envs] = self.robots.pose[:, envs]
         self._person[:, envs] = self._persons.at(self._tick[envs], envs)
         self._sensors.reset(envs, streams, varied.get("noise"))
         before = np.full(self.num_envs, -1)
-        self._sensors.observe(envs, before, self._tick, self._past, self._tick)
+        self._sensors.observe(envs, before, self._tick, self._history, self._tick)
+        self._measured = self._measure()
 
     def _measure(self) -> tuple[Floats, Floats, Floats]:
         """Return distances from the places [m], and errors of distance [m] and heading [rad]."""
@@ -223,10 +227,13 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         return np.sqrt(dx * dx + dy * dy), distance, heading
 
     def _touches(self) -> Mask:
-        x, y, yaw = self._robot
-        dx, dy = self._person[0] - x, self._person[1] - y
-        c, s = np.cos(yaw), np.sin(yaw)
-        return self._task.is_near(c * dx + s * dy, c * dy - s * dx)
+        dx, dy = self._person[:2] - self._robot[:2]
+        touches: Mask = dx * dx + dy * dy <= self._task.reach_m**2
+        near = np.flatnonzero(touches)
+        c, s = np.cos(self._robot[2, near]), np.sin(self._robot[2, near])
+        dx, dy = dx[near], dy[near]
+        touches[near] = self._task.is_near(c * dx + s * dy, c * dy - s * dx)
+        return touches
 
     def _observations(self) -> Array:
         x, y, yaw = self._sensors.seen
@@ -235,15 +242,14 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         if self._odometry_std.any():
             drawn = draw(self._sensors.streams, ODOMETRY, self._tick)[:3]
             twist = twist + NORMAL[drawn] * self._odometry_std * self._sensors.noise
-        observations = np.empty((self.num_envs, 11), np.float32)
-        columns = x, y, np.cos(yaw), np.sin(yaw), age_s, *twist, *self._actions.T
-        for number, column in enumerate(columns):
-            observations[:, number] = column
-        return observations.clip(self._task.low, self._task.high)
+        parts = (x, y, np.cos(yaw), np.sin(yaw), age_s, *twist, *self._actions.T)
+        columns = np.array(parts, np.float32)
+        low, high = self._task.low[:, None], self._task.high[:, None]
+        return np.ascontiguousarray(columns.clip(low, high).T)
 
     def _infos(self) -> dict[str, Any]:
         """Return the truth, as `FollowEnv` has it, in arrays (n, …), and which entries hold."""
-        place, _, heading = self._measure()
+        place, _, heading = self._measured
         d_err, theta_err = self._errors / np.maximum(self._scored, 1.0)
         infos = {
             "time_s": self._tick * self._tick_s,
