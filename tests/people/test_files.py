@@ -4,7 +4,6 @@ import importlib.util
 import sys
 import warnings
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from mecazen_people.body.posture import Segments
 from mecazen_people.body.recording import MARKERS, height_of, read_pelvis, read_recording
 from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.paths import make_path
-from mecazen_tools.simulation import Simulation
 from people.walks import curve_errors, joint, slip, walk
 
 MOCAP = Path(__file__).parents[2].parent / "shared" / "data" / "mocap"
@@ -185,30 +183,6 @@ def test_each_system_format_and_axis_gives_one_walk(
             # the pelvis turns by 4 deg and sways by 2 cm about the way; 1.2 s round its ends
             x = min(max(1.1 * (t - 1.0), 0.0), 4.0)
             assert path.at(t).pose == pytest.approx((x, 0.0, 0.0), abs=0.08), system
-
-
-def followed(settings):
-    """Return the D_err of 7 s [m], and the person's postures, 50 in a second."""
-    skeletons = []
-    with Simulation("mocap", settings, duration_s=7.0) as sim:
-        for _ in sim.ticks(7.0):
-            if (skeleton := sim.latest("target/skeleton")) not in skeletons[-1:]:
-                skeletons.append(skeleton)
-        joints = [np.array([(p.x, p.y, p.z) for p in s.joints]) for s in skeletons]
-        return sim.scores().d_err_m, [SimpleNamespace(joints=places) for places in joints]
-
-
-@pytest.mark.parametrize(("suffix", "unit", "axes", "prefix"), [FORMATS[0], FORMATS[-1]])
-def test_a_walk_from_a_file_is_followed_as_the_original(suffix, unit, axes, prefix, tmp_path):
-    steps = [{"duration_s": 4.0, "speed_m_s": 1.0}]  # 4 m, from standing to standing
-    path = {"kind": "script", "steps": steps, "acceleration_m_s2": 2.0, "start_after_s": 1.0}
-    d_err_m, postures = followed({"target.path": path, "target.body.height_m": 1.6})
-    file = tmp_path / f"walk.{suffix}"
-    points = {f"{prefix}{name}": places for name, places in points_of(postures).items()}
-    write(file, points, unit, axes, rate=50.0)
-    path = {"kind": "recorded", "file": str(file)}
-    again, _ = followed({"target.path": path, "target.body.motion_file": str(file)})
-    assert again == pytest.approx(d_err_m, abs=0.01)
 
 
 def mapped(change):
