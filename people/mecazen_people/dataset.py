@@ -38,8 +38,9 @@ def read_people(file: Path, sample_s: float) -> dict[str, Floats]:
     Raises:
         ConfigError: One line with the file, the line and what is allowed.
     """
+    text = read_text(file)
     try:
-        people, has_frames = _read(read_text(file))
+        people, has_frames = _read(text)
     except ConfigError as error:
         raise ConfigError(printable(f"{file}: {error}")) from None
     tracks = {person: np.array(samples) for person, samples in people.items() if len(samples) > 1}

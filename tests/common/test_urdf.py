@@ -1,4 +1,4 @@
-"""The robot's description: built, served and read; what is no URDF is refused with the reason."""
+"""The robot's description: built, served and read; other XML is refused with the reason."""
 
 from itertools import pairwise
 from xml.etree import ElementTree as ET

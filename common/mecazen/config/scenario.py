@@ -194,7 +194,7 @@ class Scenario(Section):
 
     @property
     def features(self) -> frozenset[str]:
-        """What decides which nodes take part, and which topics they use; see `graph.rows`."""
+        """The features by which nodes take part and choose their topics; see `graph.rows`."""
         features = set(with_guard(self.sensor.features, enabled=self.guard.enabled))
         parts = [self.of(name) for name in self.names]
         if "hardware" in self.services:

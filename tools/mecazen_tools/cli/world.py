@@ -65,7 +65,9 @@ def add(
 @app.command()
 def remove(
     context: typer.Context,
-    names: Annotated[list[str], Argument(metavar="NAME...", help="What was added.")],
+    names: Annotated[
+        list[str], Argument(metavar="NAME...", help="The names that `mecazen world add` gave.")
+    ],
 ) -> None:
     """Remove what was added, all or nothing.
 
