@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any, Literal, NamedTuple, NoReturn, TypeVar, get_args
 
@@ -18,8 +18,8 @@ from mecazen.config import Scenario
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.messages import Message, Odometry
 from mecazen.messages import Observation as Frame
-from mecazen.messages import Odometry
 from mecazen.ticks import whole_ticks
 from mecazen.wire import NS_PER_S
 from mecazen_tools.simulation import Simulation, State, load
@@ -165,6 +165,36 @@ class Task:
         return near
 
 
+class Sight:
+    """What a policy knows of a run: the person as last seen, and the robot's odometry.
+
+    The person is unseen until `look` gets a frame; they are then where the robot's place is.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._seen, self._seen_s = task.follower.standoff.person(Pose2D()), -math.inf
+        self._odom = Odometry()
+
+    def look(self, odom: Odometry, frame: Message | None) -> None:
+        """Take the odometry of a tick, and the newest frame if it shows the person."""
+        self._odom = odom
+        if not isinstance(frame, Frame) or not frame.poses:
+            return
+        pose = frame.poses[0].pose.to_planar()
+        in_base_link = frame.header.frame_id == "base_link"
+        self._seen = pose if in_base_link else odom.pose.pose.to_planar().between(pose)
+        self._seen_s = frame.header.stamp.ns / NS_PER_S
+
+    def observation(self, time_s: float, action: Sequence[float]) -> Array:
+        """Return the observation at a time [s] after an action."""
+        x, y, yaw = self._seen
+        c, s, age_s = math.cos(yaw), math.sin(yaw), time_s - self._seen_s
+        twist = self._odom.twist.twist.to_planar()
+        observation = Observation(x, y, c, s, age_s, *twist, *action)
+        return np.array(observation, np.float32).clip(self._task.low, self._task.high)
+
+
 class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     """An environment in which a robot is to keep its place beside a walking person: docs/gym.md.
 
@@ -185,7 +215,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         **options: Any,
     ) -> None:
         EzPickle.__init__(self, scenario, settings, **options)
-        self._task = task = Task(scenario, settings, **options)
+        self.task = task = Task(scenario, settings, **options)
         self.scenario, self.follower, self.scale = task.scenario, task.follower, task.scale
         self.observation_space, self.action_space = task.observation_space, task.action_space
         self.sim = Simulation(self.scenario)
@@ -201,10 +231,10 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         super().reset(seed=seed, options=options)
         state = self.sim.reset(int(self.np_random.integers(2**32)) if seed is None else seed)
         self._action = np.zeros(3)
-        self._seen, self._seen_s = self.follower.standoff.person(Pose2D()), -math.inf
+        self._sight = Sight(self.task)
         self._start, self._scored, self._errors = state.person, 0, (0.0, 0.0)
         self._look()
-        return self._observation(), self._info(state)
+        return self._sight.observation(self.sim.time_s, self._action.tolist()), self._info(state)
 
     def step(self, action: npt.ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Drive for a period.
@@ -215,10 +245,10 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         last, self._action = self._action, valid(action, (3,)).clip(-1.0, 1.0)
         self.sim.command(*(self._action * self.scale).tolist())
         begin_s = self.sim.time_s
-        for _ in self.sim.ticks(self._task.period_s):
+        for _ in self.sim.ticks(self.task.period_s):
             self._look()
             self._score()
-        state, task = self.sim.state, self._task
+        state, task = self.sim.state, self.task
         info = self._info(state)
         assert state.person is not None  # target takes part
         place_m, seconds = info["place_error_m"], state.time_s - begin_s
@@ -229,7 +259,13 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         terminated = place_m > task.far_m or bool(task.is_near(ahead, beside))
         if terminated:
             reward -= task.far_m * (task.end_s - state.time_s)
-        return self._observation(), reward, terminated, self.sim.is_over, info
+        return (
+            self._sight.observation(self.sim.time_s, self._action.tolist()),
+            reward,
+            terminated,
+            self.sim.is_over,
+            info,
+        )
 
     def action(self, twist: Twist2D) -> Array:
         """Return the action that commands a twist of base_link as closely as possible."""
@@ -248,14 +284,9 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         self.sim.close()
 
     def _look(self) -> None:
-        """Store the person's pose if the sensor has seen them."""
-        frame = self.sim.latest(keys.OBSERVATION.key)
-        if not isinstance(frame, Frame) or not frame.poses:
-            return
-        pose = frame.poses[0].pose.to_planar()
-        in_base_link = frame.header.frame_id == "base_link"
-        self._seen = pose if in_base_link else self._odom.pose.pose.to_planar().between(pose)
-        self._seen_s = frame.header.stamp.ns / NS_PER_S
+        odom = self.sim.latest(keys.ODOM.key)
+        assert isinstance(odom, Odometry)  # published from the first tick on
+        self._sight.look(odom, self.sim.latest(keys.OBSERVATION.key))
 
     def _score(self) -> None:
         """Add the errors of D_err and Θ_err [m, rad] at this tick, once the person has moved."""
@@ -270,25 +301,6 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
             distance, heading = self._errors
             self._errors = distance + abs(error.distance), heading + abs(error.yaw)
             self._scored += 1
-
-    @property
-    def _odom(self) -> Odometry:
-        odom = self.sim.latest(keys.ODOM.key)
-        assert isinstance(odom, Odometry)  # published from the first tick on
-        return odom
-
-    def _observation(self) -> Array:
-        x, y, yaw = self._seen
-        observation = Observation(
-            x,
-            y,
-            math.cos(yaw),
-            math.sin(yaw),
-            self.sim.time_s - self._seen_s,
-            *self._odom.twist.twist.to_planar(),
-            *self._action.tolist(),
-        )
-        return np.array(observation, np.float32).clip(self._task.low, self._task.high)
 
     def _info(self, state: State) -> dict[str, Any]:
         """Return the truth: time, errors, poses in world, and the scores since the reset."""

@@ -95,7 +95,7 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         vary: Mapping[str, tuple[float, float]] = {},
         **options: Any,
     ) -> None:
-        self._task = task = Task(scenario, settings, **options)
+        self.task = task = Task(scenario, settings, **options)
         self.scenario, self.num_envs, self.scale = task.scenario, num_envs, task.scale
         self.single_observation_space = task.observation_space
         self.single_action_space = task.action_space
@@ -159,7 +159,7 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         Raises:
             InvalidAction: The actions are not three numbers for each environment.
         """
-        last, task, begin, ended = self._actions, self._task, self._tick, self._done
+        last, task, begin, ended = self._actions, self.task, self._tick, self._done
         self._actions = valid(actions, last.shape).clip(-1.0, 1.0)
         self._tick = np.minimum(begin + task.ticks, self._last)
         self._history[: -task.ticks] = self._history[task.ticks :]
@@ -228,11 +228,11 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
 
     def _touches(self) -> Mask:
         dx, dy = self._person[:2] - self._robot[:2]
-        touches: Mask = dx * dx + dy * dy <= self._task.reach_m**2
+        touches: Mask = dx * dx + dy * dy <= self.task.reach_m**2
         near = np.flatnonzero(touches)
         c, s = np.cos(self._robot[2, near]), np.sin(self._robot[2, near])
         dx, dy = dx[near], dy[near]
-        touches[near] = self._task.is_near(c * dx + s * dy, c * dy - s * dx)
+        touches[near] = self.task.is_near(c * dx + s * dy, c * dy - s * dx)
         return touches
 
     def _observations(self) -> Array:
@@ -244,7 +244,7 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
             twist = twist + NORMAL[drawn] * self._odometry_std * self._sensors.noise
         parts = (x, y, np.cos(yaw), np.sin(yaw), age_s, *twist, *self._actions.T)
         columns = np.array(parts, np.float32)
-        low, high = self._task.low[:, None], self._task.high[:, None]
+        low, high = self.task.low[:, None], self.task.high[:, None]
         return np.ascontiguousarray(columns.clip(low, high).T)
 
     def _infos(self) -> dict[str, Any]:

@@ -23,6 +23,9 @@ from mecazen_tools.table import Floats, Table, deviations
 DEFAULT = "default"
 """Name of the follower that the scenario has without other settings."""
 
+POLICY = "policy:"
+"""What precedes the file of a trained policy's weights: docs/gym.md."""
+
 
 class FollowerRun(NamedTuple):
     """A run of a follower: its measures, its errors, and for the first seed all ticks."""
@@ -59,8 +62,8 @@ def candidates(path: Path, followers: Sequence[str], overrides: Sequence[str]) -
 
     Args:
         path: The scenario's file.
-        followers: Each is `default`, a program such as `my_follower.py:MyFollower`, or settings
-            `key=value`, separated by spaces.
+        followers: Each is `default`, a program such as `my_follower.py:MyFollower`, a trained
+            policy `policy:weights.npz`, or settings `key=value`, separated by spaces.
         overrides: Settings of all of them.
 
     Raises:
@@ -78,6 +81,11 @@ def candidates(path: Path, followers: Sequence[str], overrides: Sequence[str]) -
             texts = []
         elif "=" in follower:
             texts = follower.split()
+        elif follower.startswith(POLICY):
+            texts = [
+                "programs.follower=mecazen_gym.policy:PolicyFollower",
+                f"follower.policy={follower.removeprefix(POLICY)}",
+            ]
         else:
             texts = [f"programs.follower={follower}"]
         settings[name] = parse_settings([*overrides, *texts])

@@ -29,8 +29,9 @@ def compare(
         list[str],
         Argument(
             metavar="FOLLOWER...",
-            help="Two or more: default, a program such as my_follower.py:MyFollower, or settings "
-            "such as follower.estimator=none. The last is the reference.",
+            help="Two or more: default, a program such as my_follower.py:MyFollower, a trained "
+            "policy:weights.npz, or settings such as follower.estimator=none. The last is the "
+            "reference.",
             show_default=False,
         ),
     ],
