@@ -116,7 +116,7 @@ def test_events_are_near_those_of_planted_feet(speed):
         assert each.mean("stride_length_m") == pytest.approx(speed * stride_s, abs=0.005)
         assert each.mean("step_width_m") == pytest.approx(0.1, abs=0.003)
         assert each.asymmetry_percent("step_time_s") == pytest.approx(0.0, abs=2.0)
-    # the constants hold for all speeds only about: see docs/gait.md
+    # the constants hold for all speeds only about: see docs/mocap.md
     assert gait.mean("stance_percent") == pytest.approx(true.mean("stance_percent"), abs=2.0)
     delays = zeni(t, about_path(joints, 50.0)).less(planted(t, joints))
     assert max(map(abs, delays)) < 0.025

@@ -54,7 +54,7 @@ PARAMETERS = {
     "single_support_percent": ("single support", "%", 1.0, 1),
     "clearance_m": ("clearance", "mm", 1e3, 0),
 }
-"""The parameters of a stride, see docs/gait.md: title, unit, scale and digits for display."""
+"""The parameters of a stride, see docs/mocap.md: title, unit, scale and digits for display."""
 
 
 class Events(NamedTuple):

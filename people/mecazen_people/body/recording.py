@@ -37,7 +37,7 @@ _CMU = "CMU Graphics Lab Motion Capture Database"
 _QUALISYS = "marker set guides of Qualisys Track Manager"
 _CAST = "Cappozzo et al., Clin. Biomech. 10, 1995; Leardini et al., Gait & Posture 26, 2007"
 MARKERS = {
-    "`mecazen gait --export`": Markers("{}Hip", "{}Knee", "{}Ankle", "{}Ball", "", "gait.md"),
+    "`mecazen gait --export`": Markers("{}Hip", "{}Knee", "{}Ankle", "{}Ball", "", "mocap.md"),
     "Pose2Sim (HALPE_26), OpenCap's keypoints": Markers(
         "{}Hip", "{}Knee", "{}Ankle", "{}BigToe", "", "Pose2Sim.skeletons"
     ),
