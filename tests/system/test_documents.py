@@ -211,11 +211,12 @@ def test_the_follower_of_the_page_gives_the_scores_that_are_shown(section, quick
 # troubleshooting.md
 
 LINES = re.findall(r"^\| `((?:error|warning): .*?)` \|", TROUBLESHOOTING, re.MULTILINE)
+UNUSED = f"tcp/127.0.0.1:{free_port()}"
 BRIEF = ("simulate", "back", "--duration", "0.1", "--set")
 MISTAKES = {
     "stands inside the person": ("simulate", "back", "--set", "start.x_m=0"),
     "beyond loopback": ("run", "physics", "back", "--set", 'bus.listen=["tcp/0.0.0.0:0"]'),
-    "nothing answers": ("--connect", f"tcp/127.0.0.1:{free_port()}", "echo", "odom", "--count", "1"),
+    "nothing answers": ("--connect", UNUSED, "echo", "odom", "--count", "1"),
     "shoulders": (*BRIEF, "sensor.kind=body", "--set", "robot.camera.pitch_deg=0"),
     "faster than the robot": (*BRIEF, "target.path.speed_m_s=2.5"),
 }
