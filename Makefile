@@ -34,12 +34,13 @@ UV := $(shell command -v uv)
 ifneq ($(UV),)
 NEW = uv venv -q -p $(1)
 INSTALL = uv pip install -p $(1)/bin/python -b constraints.txt -c constraints.txt
-BUILD_WHEEL := uv build -q --wheel -b constraints.txt -o dist
+BUILD_DIST := uv build -q -b constraints.txt -o dist
 else
 PIP := .venv-pip/bin/pip
 NEW = $(1) -m venv --without-pip
 INSTALL = $(PIP) --python $(1)/bin/python install --no-compile --no-build-isolation -c constraints.txt
-BUILD_WHEEL := $(PIP) --python .venv/bin/python wheel -q --no-deps --no-build-isolation -w dist .
+BUILD_DIST := .venv/bin/python -m hatchling build -t sdist -d dist >/dev/null && \
+	$(PIP) --python .venv/bin/python wheel -q --no-deps --no-build-isolation -w dist dist/*.tar.gz
 endif
 BUILD := hatchling editables
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -79,7 +80,7 @@ help:
 	@echo "make pictures     the pictures of the documents, from runs (ONLY=hero)"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
 	@echo "make docs         the documentation as a site, in site/; each link must lead somewhere"
-	@echo "make dist         a wheel, to be installed elsewhere: docs/deploy.md"
+	@echo "make dist         a source distribution and its wheel, to be installed elsewhere: docs/deploy.md"
 	@echo "make install      only prepare .venv for make run; make develop: for everything else too"
 
 install: .venv/ready
@@ -142,9 +143,9 @@ run: .venv/ready
 docs: .venv-docs/ready
 	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build
 
-# a wheel, and the versions that it was tested with
+# a source distribution, its wheel, and the versions that they were tested with
 dist: .venv/ready
-	@rm -rf dist && $(BUILD_WHEEL) && cp constraints.txt dist && echo "$$(ls dist/*.whl)"
+	@rm -rf dist && $(BUILD_DIST) && cp constraints.txt dist && ls dist
 
 drawing:
 	@dpkg -s $(DRAWING) >/dev/null 2>&1 || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
