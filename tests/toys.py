@@ -11,6 +11,7 @@ from mecazen.node import Node
 from mecazen.row import Row, every, latest
 from mecazen.runtime.observer import Observer
 from mecazen.schema import Positive, Section
+from msgspec import field
 
 
 class Toy(Node):
@@ -22,8 +23,22 @@ class Toy(Node):
         return {}
 
 
+class Slow(Section, tag="slow", tag_field="kind"):
+    speed_m_s: float = 0.1
+
+
+class Fast(Section, tag="fast", tag_field="kind"):
+    speed_m_s: Positive
+
+
 class Gain(Section):
+    """A section with a setting of each kind."""
+
     gain: Positive = 1.0
+    walk: Slow | Fast = Slow()
+    weights: dict[str, float] = field(default_factory=dict)
+    limit: Positive | None = None
+    mixed: float | str = 0.0
 
 
 class RequiredGain(Section):

@@ -1,4 +1,4 @@
-"""The robot file: what follows from its lengths. Wrong files: test_loading."""
+"""The robot file: what follows from its lengths. Wrong files: test_wrong_inputs."""
 
 import math
 
