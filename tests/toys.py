@@ -50,7 +50,7 @@ class FollowerGain(FollowerConfig):
 
 
 class Mine(Toy):
-    ROW = Row("mine", inputs=(every(CLOCK), latest(ODOM)), outputs=(TARGET_CMD_VEL,))
+    ROW = Row("mine", inputs=(every(CLOCK), latest(CMD_VEL)), outputs=(TARGET_CMD_VEL,))
     SECTION = Gain
 
 
@@ -60,6 +60,17 @@ class Required(Mine):
 
 class Untyped(Mine):
     SECTION = int
+
+
+class Broken(Mine):
+    def reset(self, seed):
+        raise ZeroDivisionError("no seed")
+
+
+class Prompt(Mine):
+    """Has real-time priority."""
+
+    ROW = Row("prompt", inputs=Mine.ROW.inputs, priority=2)
 
 
 class Leader(Toy):

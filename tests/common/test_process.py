@@ -3,6 +3,7 @@
 import os
 import re
 import secrets
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,48 +12,19 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import toys
 from harness import COMMAND_GUARD_S, wait
 from mecazen.config import BusConfig, Process, SimConfig
 from mecazen.errors import BusError
 from mecazen.runtime import process as running
 from mecazen.wire import Stamp
 
-TOYS = """
-from mecazen.row import Row, every, latest
-from mecazen.keys import CLOCK, CMD_VEL, TARGET_CMD_VEL
-from mecazen.messages import Twist
-from mecazen.node import Node
-
-
-class Toy(Node):
-    ROW = Row("toy", "", (every(CLOCK), latest(CMD_VEL)), (TARGET_CMD_VEL,))
-
-    def reset(self, seed):
-        pass
-
-    def step(self, tick, inputs):
-        return {TARGET_CMD_VEL: Twist()}
-
-
-class Pal(Toy):
-    ROW = Row("pal", "", (every(CLOCK),))
-
-
-class Prompt(Toy):
-    ROW = Row("prompt", "", Toy.ROW.inputs, priority=2)
-
-
-class Broken(Toy):
-    def reset(self, seed):
-        raise ZeroDivisionError("no seed is good enough")
-"""
-SCENARIO = """services = ['toy']
+SCENARIO = """services = ['mine']
 [programs]
-toy = '../toys.py:Toy'
-pal = '../toys.py:Pal'
+mine = '../my.py:Mine'
 """
 TWO_ROBOTS = 'robots=[{name="one"},{name="two",start={y_m=2.0}}]'
-PROMPT, BROKEN = "programs.toy=../toys.py:Prompt", "programs.toy=../toys.py:Broken"
+PROMPT, BROKEN = "programs.mine=../my.py:Prompt", "programs.mine=../my.py:Broken"
 
 
 @pytest.fixture
@@ -72,7 +44,7 @@ def tester(settings, open_bus):
 @pytest.fixture
 def start(write_scenario, tmp_path, settings):
     """Start `python -m mecazen.runtime`; it ends with the test."""
-    (tmp_path / "toys.py").write_text(TOYS)
+    shutil.copy(toys.__file__, tmp_path / "my.py")
     scenario = write_scenario(SCENARIO)
 
     @contextmanager
@@ -108,21 +80,17 @@ def one_line(process):
     return err.rstrip(), process.returncode
 
 
-STOPPED = "t=0.000 level=info service=toy msg=stopped\n"
-
-
 @pytest.mark.parametrize(
-    ("part", "number", "mode", "last"),
+    ("part", "number", "last"),
     [
-        ("toy", signal.SIGTERM, "mode=real_time", STOPPED),
-        ("toy", signal.SIGINT, "mode=real_time", STOPPED),
-        ("router", signal.SIGHUP, r"endpoints=\S+", ""),
+        ("mine", signal.SIGTERM, "t=0.000 level=info service=mine msg=stopped\n"),
+        ("router", signal.SIGHUP, ""),
     ],
 )
-def test_a_signal_ends_it_cleanly(start, free_port, part, number, mode, last):
+def test_a_signal_ends_it_cleanly(start, free_port, part, number, last):
     place = [f'bus.connect=["tcp/127.0.0.1:{free_port}"]'] if part == "router" else []
     with start(part, *place) as process:
-        started = rf"t=0\.000 level=info service={part} msg=started {mode}\n"
+        started = rf"t=0\.000 level=info service={part} msg=started \S+\n"
         assert re.fullmatch(started, await_start(process))
         process.send_signal(number)
         out, err = process.communicate(timeout=COMMAND_GUARD_S)
@@ -148,7 +116,7 @@ def priority():
 )
 @pytest.mark.usefixtures("priority")
 def test_threads_have_the_policy_and_the_core(start, settings_of_run, policy, shares_core):
-    with start("toy", *settings_of_run) as process:
+    with start("mine", *settings_of_run) as process:
         await_start(process)
         threads = [int(path.name) for path in Path(f"/proc/{process.pid}/task").iterdir()]
         policies = {
@@ -164,36 +132,33 @@ def test_threads_have_the_policy_and_the_core(start, settings_of_run, policy, sh
 @pytest.mark.usefixtures("priority")
 def test_a_service_works_without_permission_for_priority(start):
     drop = ["setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice"]
-    with start("toy", PROMPT, before=drop) as process:
+    with start("mine", PROMPT, before=drop) as process:
         await_start(process)
         assert os.sched_getscheduler(process.pid) == os.SCHED_OTHER
 
 
 def test_a_service_logs_with_simulated_time(start, tester):
-    with start("toy") as process:
+    with start("mine") as process:
         await_start(process)
-        wait(tester, lambda: "toy" in tester.presence.names)
+        wait(tester, lambda: "mine" in tester.presence.names)
         tester.put_bytes("clock", b"{}", "", Stamp(1_500_000_000, 1, 2).pack())
         tester.put_bytes("cmd_vel", b"nonsense")
         line = process.stderr.readline()
-    assert line.startswith("t=1.500 level=warning service=toy msg=refused key=cmd_vel count=1 ")
+    assert line.startswith("t=1.500 level=warning service=mine msg=refused key=cmd_vel count=1 ")
 
 
 @pytest.mark.parametrize(
     ("name", "setting", "code", "expected"),
     [
-        ("nobody", "seed=1", 2, r"nobody: no such node; nodes: "),
-        ("toy", "sim.speed=fast", 2, r".*test\.toml with sim\.speed: got 'fast'; allowed: "),
         (
-            "toy",
+            "mine",
             BROKEN,
             1,
-            r"toy: ZeroDivisionError: no seed is good enough \(toys.py:\d+ reset\)$",
+            r"mine: ZeroDivisionError: no seed \(my.py:\d+ reset\)$",
         ),
-        ("toy+toy", "seed=1", 2, r"toy\+toy: each service at most once$"),
-        ("router", "seed=-1", 2, r".*test\.toml with seed: got -1; allowed: "),
+        ("mine+mine", "seed=1", 2, r"mine\+mine: each service at most once$"),
         ("router", "seed=1", 1, r"can't listen on tcp/\S+: the port is taken"),
-        ("toy", TWO_ROBOTS, 2, r"toy: of which robot\? --robot takes one or two$"),
+        ("mine", TWO_ROBOTS, 2, r"mine: of which robot\? --robot takes one or two$"),
     ],
 )
 def test_a_process_that_can_not_begin_prints_one_line(start, name, setting, code, expected):
@@ -204,11 +169,12 @@ def test_a_process_that_can_not_begin_prints_one_line(start, name, setting, code
 
 
 def test_each_service_of_a_process_has_its_name(start, tester):
-    with start("toy+pal") as process:
-        assert "service=toy+pal msg=started" in await_start(process)
-        wait(tester, lambda: {"toy", "pal", "pal/ready"} <= tester.presence.names)
-        with start("pal") as second:
-            assert one_line(second) == ("error: another pal is already running on this bus", 1)
+    with start("mine+controller", "services=['mine','controller']") as process:
+        assert "service=mine+controller msg=started" in await_start(process)
+        names = {"mine", "controller", "controller/ready"}
+        wait(tester, lambda: names <= tester.presence.names)
+        with start("mine") as second:
+            assert one_line(second) == ("error: another mine is already running on this bus", 1)
 
 
 def test_a_missing_extra_for_ros_is_an_error(monkeypatch, scenario):
@@ -228,13 +194,13 @@ def test_a_missing_extra_for_ros_is_an_error(monkeypatch, scenario):
 def test_a_router_limits_rates_in_real_time(monkeypatch, scenario, sim, most_hz):
     rates = []
 
+    @contextmanager
     def open_session(*_, most_hz, **__):
         rates.append(most_hz)
-        raise BusError("the port is taken")
+        yield
 
     monkeypatch.setattr(running, "open_session", open_session)
-    monkeypatch.setattr(running, "stop_on_signals", lambda _: None)
+    monkeypatch.setattr(running, "stop_on_signals", lambda stop: stop())
     monkeypatch.setattr(running, "set_up_log", lambda *_: None)
-    with pytest.raises(BusError):
-        running.run(running.ROUTER, msgspec.structs.replace(scenario, sim=sim))
+    running.run(running.ROUTER, msgspec.structs.replace(scenario, sim=sim))
     assert rates == [most_hz]
