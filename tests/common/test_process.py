@@ -23,7 +23,6 @@ SCENARIO = """services = ['mine']
 [programs]
 mine = '../my.py:Mine'
 """
-TWO_ROBOTS = 'robots=[{name="one"},{name="two",start={y_m=2.0}}]'
 PROMPT, BROKEN = "programs.mine=../my.py:Prompt", "programs.mine=../my.py:Broken"
 
 
@@ -158,7 +157,6 @@ def test_a_service_logs_with_simulated_time(start, tester):
         ),
         ("mine+mine", "seed=1", 2, r"mine\+mine: each service at most once$"),
         ("router", "seed=1", 1, r"can't listen on tcp/\S+: the port is taken"),
-        ("mine", TWO_ROBOTS, 2, r"mine: of which robot\? --robot takes one or two$"),
     ],
 )
 def test_a_process_that_can_not_begin_prints_one_line(start, name, setting, code, expected):
