@@ -25,20 +25,17 @@ def assert_same(pose, expected):
     assert abs(wrap(pose.yaw - expected.yaw)) <= ROUNDING
 
 
-@pytest.mark.parametrize(
-    ("angle", "expected"),
-    [
+def test_an_angle_wraps_into_minus_pi_excluded_to_pi():
+    for angle, expected in (
         (-math.pi, math.pi),
         (3.0 * math.pi, math.pi),
         (-math.tau, 0.0),
         (1.5 * math.pi, -0.5 * math.pi),
         (math.nextafter(math.pi, 4.0), -math.pi),
         (0.3, 0.3),
-    ],
-)
-def test_an_angle_wraps_into_minus_pi_excluded_to_pi(angle, expected):
-    assert wrap(angle) == pytest.approx(expected, abs=1e-15)
-    assert -math.pi < wrap(angle) <= math.pi
+    ):
+        assert wrap(angle) == pytest.approx(expected, abs=1e-15)
+        assert -math.pi < wrap(angle) <= math.pi
 
 
 def test_compose_turns_and_shifts_the_child_into_the_parent():
@@ -156,7 +153,6 @@ def test_a_history_returns_known_poses_and_interpolates_between_them():
 @pytest.mark.parametrize(
     ("number", "kept_ms", "time_ns", "known"),
     [
-        (4, 1000, -1, "0 to 0.03 s"),
         (4, 1000, 31 * MS, "0 to 0.03 s"),
         (4, 10, 10 * MS, "0.02 to 0.03 s"),
         (0, 10, 5, "no time"),

@@ -32,13 +32,13 @@ def test_the_description_has_every_roller_and_mesh():
         build_urdf(robot, "lidar_link")
 
 
-def test_a_robot_has_the_sensors_of_its_file_with_their_names():
+def test_a_robot_has_the_sensors_of_its_file():
     robot = load_robot()
     lidar = replace(robot.lidar, frame="laser")
     links = {joint.child for joint in urdf.read(build_urdf(replace(robot, lidar=lidar))).joints}
     assert {"laser", "camera_link", "camera_depth_optical_frame"} <= links
     read = urdf.read(build_urdf(replace(robot, lidar=None, camera=None)))
-    assert {joint.child for joint in read.joints if joint.axis is None} == set()
+    assert not [joint for joint in read.joints if joint.axis is None]
     with pytest.raises(ValueError, match="each frame must have its own name"):
         replace(robot, lidar=replace(robot.lidar, frame="base_link"))
 
@@ -84,11 +84,9 @@ def test_cylinders_take_the_place_of_meshes():
         ("", "not a URDF: no element"),
         (BOMB, "amplification"),
         ("<!DOCTYPE r [<!ENTITY x SYSTEM 'file:///etc/passwd'>]><r>&x;</r>", "undefined entity"),
-        ("<robot><link name='a'><visual/></link></robot>", "visual  without geometry"),
         ("<robot><link name='a'><visual><geometry/></visual></link></robot>", "empty geometry"),
         (URDF.replace("box size", "ball size").replace("</box>", "</ball>"), "ball"),
         (URDF.replace('xyz="0 1 0"', 'xyz="0 1"'), "'0 1' must be 3 numbers"),
-        (URDF.replace('xyz="0 1 0"', 'xyz="0 1 z"'), "could not convert string to float"),
         (URDF.replace('<child link="mast"/>', ""), "mast_joint without child"),
         (f"<robot>{JOINT * 1001}</robot>", "1001 joints; at most 1000"),
     ],

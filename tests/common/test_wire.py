@@ -53,10 +53,10 @@ def test_a_twist_of_another_program_is_decoded(payload, encoding):
     assert decode(payload, m.Twist, encoding) == FORWARD
 
 
-@pytest.mark.parametrize("payload", [b"{}", b'{"linear":{}}', b'{"linear":{"x":0.0},"mine":1}'])
-def test_a_zero_twist_stops_whatever_else_it_has(payload):
-    assert decode(payload, m.Twist) == m.Twist()
-    assert decode(b'{"mine":1}', m.Empty) == m.Empty()  # an emergency stop is never refused
+def test_a_zero_twist_and_an_emergency_stop_are_never_refused():
+    for payload in (b"{}", b'{"linear":{}}', b'{"linear":{"x":0.0},"mine":1}'):
+        assert decode(payload, m.Twist) == m.Twist()
+    assert decode(b'{"mine":1}', m.Empty) == m.Empty()
 
 
 def test_a_scan_may_have_null_for_numbers_that_json_lacks():
@@ -69,29 +69,21 @@ REFUSED = [
     (b"", m.Twist, "empty payload"),
     (b'{"linear":{"x":0.2}', m.Twist, TWIST),
     (b"\x81\xa6linear\x80", m.Twist, TWIST),
-    (b"\x00\x01", m.Twist, ""),
-    (b"null", m.Twist, TWIST),
     (b'{"linear":{"x":NaN}}', m.Twist, TWIST),
-    (b'{"linear":{"x":1e400}}', m.Twist, TWIST),
     (b'{"linear":{"x":' + b"9" * 5000 + b"}}", m.Twist, TWIST),
     (b'{"linear":{"x":"1"}}', m.Twist, "Expected `float`, got `str` - at `$.linear.x`"),
-    (b'{"twist":{"linear":{"x":"1"}}}', m.Twist, TWIST),
     (b'{"position":[0.0,NaN]}', m.JointState, ""),
     (b'{"clock":{"sec":4294967296}}', m.Clock, "$.clock.sec"),
     (b'{"tick":' + b"9" * 5000 + b"}", m.SimState, ""),
-    (b'{"nanosec":1000000000}', m.Time, "$.nanosec"),
     (b'{"covariance":[0' + b",0" * 34 + b"]}", m.PoseWithCovariance, "length >= 36"),
     (b"[]", m.Twist, TWIST),
-    (b'{"frame_id":"\xff"}', m.Header, ""),
     (b'{"frame_id":"\\ud800"}', m.Header, ""),
     (b'{"x":' + b"[" * 400_000 + b"]" * 400_000 + b"}", m.Twist, TWIST),
     (b'{"x":' * 100_000 + b"1" + b"}" * 100_000, m.Twist, TWIST),
     (cdr(*[0.0] * 5), m.Twist, ""),
     (cdr(bytes(4)), m.ResetRequest, ""),  # no message of ROS
     (b'{"linaer":{"x":1},"angle":1}', m.Twist, f"{TWIST}linaer is ignored; did you mean linear?"),
-    (b'{"linear":{"X":1}}', m.Twist, "linear.X is ignored; allowed: x, y, z"),
     (b'{"header":{},"twist":{"x":1}}', m.Twist, "x is ignored; allowed: linear, angular"),
-    (b'{"factr":2}', m.SpeedRequest, "factr is ignored; allowed: speed"),
 ]
 
 
@@ -108,12 +100,10 @@ def test_malformed_unknown_fields_are_skipped(extra):
     assert line is None or line.startswith("mine is ignored; ")
 
 
-@pytest.mark.parametrize(
-    ("name", "shown"), [(b"\\u001b[2J", "\\u001b[2J"), (b"x" * 1000, f"{'x' * 60}…")]
-)
-def test_names_of_ignored_fields_are_printable(name, shown):
-    line = wire.ignored_field(b'{"' + name + b'":1,"linear":{"x":0.2}}', "", FORWARD)
-    assert line == f"{shown} is ignored; allowed: linear, angular"
+def test_names_of_ignored_fields_are_short_and_printable():
+    for name, shown in ((b"\\u001b[2J", "\\u001b[2J"), (b"x" * 1000, f"{'x' * 60}…")):
+        line = wire.ignored_field(b'{"' + name + b'":1,"linear":{"x":0.2}}', "", FORWARD)
+        assert line == f"{shown} is ignored; allowed: linear, angular"
 
 
 def test_a_bus_imports_nothing_of_ros():
@@ -139,19 +129,15 @@ def test_a_stamp_round_trips(time_ns, run, seed):
     assert stamp.time.ns == time_ns
 
 
-def test_a_stamp_is_16_bytes_little_endian():
-    assert Stamp(1, 2, 3).pack() == bytes([1, *[0] * 7, 2, 0, 0, 0, 3, 0, 0, 0])
-
-
-@pytest.mark.parametrize(
-    ("attachment", "problem"),
-    [
-        *((bytes(size), f"{size} bytes") for size in (0, 15, 17, 20, 100_000)),
-        *((struct.pack("<qII", ns, 0, 0), f"time {ns}") for ns in (-1, 2**31 * 10**9, 2**63 - 1)),
-    ],
-)
-def test_an_attachment_that_is_no_stamp_is_refused(attachment, problem):
-    assert problem in error_of(RefusedError, lambda: Stamp.unpack(attachment))
+def test_an_attachment_that_is_no_stamp_is_refused():
+    assert Stamp(1, 2, 3).pack() == bytes([1, *[0] * 7, 2, 0, 0, 0, 3, 0, 0, 0])  # little-endian
+    for size in (0, 15, 17, 20, 999):
+        assert f"{size} bytes" in error_of(
+            RefusedError, lambda size=size: Stamp.unpack(bytes(size))
+        )
+    for time_ns in (-1, 2**31 * 10**9, 2**63 - 1):
+        data = struct.pack("<qII", time_ns, 0, 0)
+        assert f"time {time_ns}" in error_of(RefusedError, lambda data=data: Stamp.unpack(data))
 
 
 names = st.sampled_from(
@@ -198,42 +184,57 @@ def varying(variance):
     return m.PoseWithCovariance(covariance=(*35 * (0.0,), variance))
 
 
-MESSAGES = {
-    "pose": lambda x: m.Odometry(pose=at(x)),
-    "twist": lambda v: m.Odometry(twist=m.TwistWithCovariance(twist=moving(v))),
-    "drive": moving,
-    "turn": lambda w: moving(0.0, w),
-    "wheels": lambda w: m.JointState(velocity=(*60 * (0.0,), w)),
-    "detection": lambda x: m.Observation(poses=(at(0.0), at(x))),
-    "covariance": lambda v: m.Observation(poses=(varying(v),)),
-    "joints": lambda x: m.Skeletons(skeletons=(m.Skeleton(joints=(m.Point(), m.Point(y=x))),)),
-    "deviation": lambda x: m.Skeleton(std=(0.01, x)),
-    "goal": lambda x: m.FollowerState(goal=(m.Pose(position=m.Point(y=x)),)),
-}
-LIMITS = [
-    (keys.ODOM, "pose", "position", 1e6, " m"),
-    (keys.ODOM, "twist", "linear velocity", 1e6, " m/s"),
-    (keys.CMD_VEL, "drive", "linear velocity", 1e6, " m/s"),
-    (keys.CMD_VEL, "turn", "angular velocity", 1e6, " rad/s"),
-    (keys.TARGET_CMD_VEL, "drive", "linear velocity", 20.0, " m/s"),
-    (keys.JOINT_COMMAND, "wheels", "joint velocity", 1e6, " rad/s"),
-    (keys.OBSERVATION, "detection", "position", 1e6, " m"),
-    (keys.OBSERVATION, "covariance", "covariance", 1e12, ""),
-    (keys.SKELETONS, "joints", "joint position", 1e6, " m"),
-    (keys.TARGET_SKELETON, "deviation", "deviation of a joint", 1e6, " m"),
-    (keys.FOLLOWER_STATE, "goal", "position", 1e6, " m"),
-]
+def standing(x):
+    return m.Skeleton(joints=(m.Point(), m.Point(y=x)))
 
 
 @pytest.mark.parametrize(
-    ("topic", "message", "quantity", "limit", "unit"),
-    LIMITS,
-    ids=[f"{topic.key} {quantity}" for topic, _, quantity, *_ in LIMITS],
+    ("topic", "make", "quantity", "limit", "unit"),
+    [
+        (keys.ODOM, lambda x: m.Odometry(pose=at(x)), "position", 1e6, " m"),
+        (keys.CMD_VEL, moving, "linear velocity", 1e6, " m/s"),
+        (keys.CMD_VEL, lambda w: moving(0.0, w), "angular velocity", 1e6, " rad/s"),
+        (keys.TARGET_CMD_VEL, moving, "linear velocity", 20.0, " m/s"),
+        (
+            keys.JOINT_COMMAND,
+            lambda w: m.JointState(velocity=(*60 * (0.0,), w)),
+            "joint velocity",
+            1e6,
+            " rad/s",
+        ),
+        (
+            keys.OBSERVATION,
+            lambda v: m.Observation(poses=(at(0.0), varying(v))),
+            "covariance",
+            1e12,
+            "",
+        ),
+        (
+            keys.SKELETONS,
+            lambda x: m.Skeletons(skeletons=(standing(x),)),
+            "joint position",
+            1e6,
+            " m",
+        ),
+        (
+            keys.TARGET_SKELETON,
+            lambda x: m.Skeleton(std=(0.01, x)),
+            "deviation of a joint",
+            1e6,
+            " m",
+        ),
+        (
+            keys.FOLLOWER_STATE,
+            lambda x: m.FollowerState(goal=(m.Pose(position=m.Point(y=x)),)),
+            "position",
+            1e6,
+            " m",
+        ),
+    ],
 )
 def test_a_number_at_its_limit_is_taken_and_the_next_larger_refused(
-    topic, message, quantity, limit, unit
+    topic, make, quantity, limit, unit
 ):
-    make = MESSAGES[message]
     good = make(-limit)
     assert decode_sample(topic, encode(good), "", None) == (good, None)
     number = math.nextafter(limit, math.inf)
@@ -243,12 +244,6 @@ def test_a_number_at_its_limit_is_taken_and_the_next_larger_refused(
 
 
 def test_numbers_without_a_limit_may_be_of_any_size():
-    for message in (
-        m.JointState(position=(1e300,), effort=(1e300,)),
-        m.Odometry(pose=m.PoseWithCovariance(pose=m.Pose(orientation=m.Quaternion(w=1e300)))),
-        # not planar, and so of no use
-        m.Observation(
-            poses=(m.PoseWithCovariance(covariance=(0.0,) * 14 + (1e99,) + (0.0,) * 21),)
-        ),
-    ):
-        refuse_implausible("any", message)
+    refuse_implausible("any", m.JointState(position=(1e300,), effort=(1e300,)))
+    tilted = (0.0,) * 14 + (1e99,) + (0.0,) * 21  # not planar, and so of no use
+    refuse_implausible("any", m.Observation(poses=(m.PoseWithCovariance(covariance=tilted),)))

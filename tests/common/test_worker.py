@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mecazen.config import Scenario, SimConfig
 from mecazen.keys import Topic
-from mecazen.loop import AHEAD_AT_MOST
 from mecazen.messages import String
 from mecazen.row import Row, due, every, latest
 from mecazen.wire import encode
@@ -118,16 +117,6 @@ def test_steps_without_a_due_sample_are_counted(script, late):
     for name in script.split():
         put(rig, name)
     assert rig.driver.host.services[0].diagnostics().items() >= late.items()
-
-
-def test_samples_that_wait_for_their_ticks_are_limited():
-    rig = make_rig(DUE, "lockstep")
-    put(rig, "a0")
-    (slot,) = (slot for slot in rig.driver.host.loop.turns[0].slots if slot.topic is D)
-    for tick in range(AHEAD_AT_MOST + 5):
-        rig.put(D, String(), tick + 1)
-    assert len(slot.waiting) == AHEAD_AT_MOST
-    assert slot.count == AHEAD_AT_MOST + 5
 
 
 PERIOD = st.integers(1, 4)

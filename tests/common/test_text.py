@@ -1,13 +1,17 @@
-"""Files and values in TOML; text of others for a terminal."""
+"""Text of files, of errors, of logs and of others."""
 
+import logging
 import math
 import os
+import re
 from pathlib import Path
 
 import pytest
 from harness import error_of
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, explained, set_up_log
 from mecazen.files import open_regular, parse_value, read_text, to_value
+from mecazen.keys import CLOCK
+from mecazen.messages import Clock
 from mecazen.text import printable
 
 
@@ -49,3 +53,31 @@ def test_a_value_in_toml_is_read_again(value, text):
 def test_received_text_does_not_move_the_cursor():
     assert printable("[/oops] né |") == "[/oops] né |"
     assert printable("a\x1b[2Jb\n\x9bc\u202e") == "a\\u001b[2Jb\\n\\u009bc\\u202e"
+
+
+def fail(*_):
+    raise ValueError("two\n  lines")
+
+
+def test_an_error_is_explained_by_the_frames_outside_of_mecazen(bus):
+    bus.subscribe(CLOCK, fail)
+    with pytest.raises(ValueError, match="two") as caught:
+        bus.publisher(CLOCK).put(Clock(), None)  # through a frame of bus/local.py
+    place = r"test_text.py:\d+"
+    line = rf"ValueError: two lines \({place} test_an_error\w+ > {place} fail\)"
+    assert re.fullmatch(line, explained(caught.value))
+
+
+def test_a_log_line_has_simulated_time_level_and_service(monkeypatch, capsys):
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])
+    monkeypatch.setattr(root, "level", root.level)
+    set_up_log("physics", lambda: 12.34, logging.WARNING)
+    log = logging.getLogger("any")
+    log.info("msg=started")
+    log.warning("msg=%s count=%d", "late", 3)
+    log.error("msg=failed", exc_info=ZeroDivisionError("here"))
+    first, second, *_, last = capsys.readouterr().err.splitlines()
+    assert first == "t=12.340 level=warning service=physics msg=late count=3"
+    assert second == "t=12.340 level=error service=physics msg=failed"
+    assert last == "ZeroDivisionError: here"
