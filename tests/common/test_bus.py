@@ -4,10 +4,9 @@ from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
-from harness import ask_bytes, error_of, forward, wait
+from harness import ask_bytes, error_of, forward
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus import StoppedError
 from mecazen.errors import BusError
 from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, Stamp
 
@@ -148,15 +147,6 @@ def test_empty_requests_mean_defaults_and_wrong_ones_are_errors(bus):
         assert bus.refused == {"sim/step": count}
 
 
-def test_who_is_alive_is_present(pair):
-    changes = []
-    pair.near.presence.on_change.append(lambda: changes.append(set(pair.near.presence.names)))
-    pair.far.declare_alive("physics")
-    pair.far.declare_alive("target", "two")
-    wait(pair.near, lambda: {"physics", "two/target"} <= pair.near.presence.names)
-    assert changes[-1] >= {"physics", "two/target"}
-
-
 def test_unknown_names_are_not_noted_and_returns_are_counted(bus):
     presence, changes, returned = bus.presence, [], []
     presence.known = {"target"}
@@ -167,16 +157,6 @@ def test_unknown_names_are_not_noted_and_returns_are_counted(bus):
             presence.update(name, alive=alive)
     assert (presence.names, presence.returns, returned) == ({"target"}, {"target": 1}, ["target"])
     assert len(changes) == 5
-
-
-def test_spin_once_ends_without_samples_and_after_stop(pair):
-    pair.link()
-    pair.settle()
-    pair.near.drain()
-    assert pair.near.spin_once(0.001) is False
-    pair.near.stop()
-    with pytest.raises(StoppedError):
-        pair.near.spin_once()
 
 
 def test_an_error_of_a_handler_reaches_the_caller(zenoh_pair):

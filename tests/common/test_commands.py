@@ -30,50 +30,37 @@ def drivers(commands, *samples, ticks=(0,)):
     return [drives[tick] for tick in ticks]
 
 
-@pytest.mark.parametrize(
-    ("commands", "samples", "ticks", "expected"),
-    [
-        ((), [(0, NODE, forward(1.0))], (0, 50, 51), ["follower", "follower", ""]),
-        # a program takes over until it is silent, then the follower continues
-        (
-            (Command("cmd_vel", timeout_s=0.2),),
-            [(0, NODE, forward(1.0)), (5, HAND, forward(0.2))],
-            (4, 5, 25, 26),
-            ["follower", "cmd_vel", "cmd_vel", "follower"],
-        ),
-        # the highest priority, in any order of the file
-        (
-            (Command("cmd_vel"), JOY),
-            [(0, HAND, forward(0.2)), (0, TOPIC, forward(0.1))],
-            (0, 10, 11),
-            ["joy", "joy", "cmd_vel"],
-        ),
-        # a key that is left out is not obeyed
-        ((JOY,), [(0, NODE, forward(1.0)), (0, HAND, forward(0.2))], (0,), ["follower"]),
-        # a lock holds what is of its priority or below, until it is taken away
-        (
-            (Command("cmd_vel"), PAUSE),
-            [
-                (0, NODE, forward(1.0)),
-                (2, LOCK, m.Bool(data=True)),
-                (4, HAND, forward(0.2)),
-                (60, LOCK, m.Bool(data=False)),
-                (60, NODE, forward(1.0)),
-            ],
-            (1, 2, 4, 55, 60),
-            ["follower", "locked by pause", "cmd_vel", "locked by pause", "follower"],
-        ),
-        # a lock with a timeout must be refreshed
-        (
-            (Command("pause", 50, 0.1, lock=True),),
-            [(0, NODE, forward(1.0)), (1, LOCK, m.Bool())],
-            (0, 1, 11, 12),
-            ["locked by pause", "follower", "follower", "locked by pause"],
-        ),
-    ],
-)
-def test_the_fresh_command_of_the_highest_priority_drives(commands, samples, ticks, expected):
-    assert drivers(commands, *samples, ticks=ticks) == expected
+def test_a_program_takes_over_until_it_is_silent():
+    samples = (0, NODE, forward(1.0)), (5, HAND, forward(0.2))
+    assert drivers((), samples[0], ticks=(0, 50, 51)) == ["follower", "follower", ""]
+    commands = (Command("cmd_vel", timeout_s=0.2),)
+    expected = ["follower", "cmd_vel", "cmd_vel", "follower"]
+    assert drivers(commands, *samples, ticks=(4, 5, 25, 26)) == expected
+    assert drivers((JOY,), *samples, ticks=(5,)) == ["follower"]  # a key that is left out
+
+
+def test_the_highest_priority_drives_in_any_order_of_the_file():
+    samples = (0, HAND, forward(0.2)), (0, TOPIC, forward(0.1))
+    drives = drivers((Command("cmd_vel"), JOY), *samples, ticks=(0, 10, 11))
+    assert drives == ["joy", "joy", "cmd_vel"]
+
+
+def test_a_lock_holds_its_priority_and_below_until_it_is_released():
+    samples = (
+        (0, NODE, forward(1.0)),
+        (2, LOCK, m.Bool(data=True)),
+        (4, HAND, forward(0.2)),
+        (60, LOCK, m.Bool(data=False)),
+        (60, NODE, forward(1.0)),
+    )
+    drives = drivers((Command("cmd_vel"), PAUSE), *samples, ticks=(1, 2, 4, 55, 60))
+    assert drives == ["follower", "locked by pause", "cmd_vel", "locked by pause", "follower"]
+
+
+def test_a_lock_with_a_timeout_must_be_refreshed():
+    samples = (0, NODE, forward(1.0)), (1, LOCK, m.Bool())
+    drives = drivers((Command("pause", 50, 0.1, lock=True),), *samples, ticks=(0, 1, 11, 12))
+    assert drives == ["locked by pause", "follower", "follower", "locked by pause"]
 
 
 @pytest.mark.parametrize(

@@ -42,19 +42,11 @@ def at(tick, run=1, seed=9):
     return Stamp(tick * TICK_NS, run, seed)
 
 
-def test_a_new_run_resets_before_its_first_sample(viewer, put):
-    put(JOINT_STATES, JointState(), at(0))
-    put(CMD_VEL, forward(0.2), at(1))
-    put(CLOCK, Clock(), at(0, run=2, seed=10))
-    put(CMD_VEL, forward(0.3), at(0, run=2, seed=10))
-    first = [9, (JointState(), at(0)), (forward(0.2), at(1))]
-    start = at(0, run=2, seed=10)
-    assert viewer.events == [*first, 10, (Clock(), start), (forward(0.3), start)]
-
-
 def test_neither_ended_runs_nor_open_topics_begin_a_run(viewer, bus, put):
     for run in (1, 2, 3):
-        put(CLOCK, Clock(), at(2, run=run))
+        put(CLOCK, Clock(), at(2, run=run, seed=run))
+    # a new run resets before its first sample
+    assert viewer.events[-2:] == [3, (Clock(), at(2, run=3, seed=3))]
     viewer.events.clear()
     for run in (0, 1, 2):
         put(JOINT_STATES, JointState(), at(100, run=run))
@@ -64,13 +56,16 @@ def test_neither_ended_runs_nor_open_topics_begin_a_run(viewer, bus, put):
     put(JOINT_STATES, JointState(), at(1, run=3))
     late = (JointState(), at(1, run=3))
     assert viewer.events == [(forward(0.2), at(3, run=3)), (forward(0.3), None), late]
-    assert viewer.stamp == at(2, run=3)
+    assert viewer.stamp == at(2, run=3, seed=3)
     bus.stop()
     with pytest.raises(StoppedError):
         viewer.run()
 
 
-def test_refused_payloads_and_unknown_fields_are_warnings(bus, put, reports):
+def test_refused_payloads_unknown_fields_and_restarts_are_reported(bus, put, reports):
+    for alive in (True, False, True):
+        bus.presence.update("controller", alive=alive)
+        bus.presence.update("tool", alive=alive)
     put(CLOCK, Clock(), at(0))
     for key in ("cmd_vel", "cmd_vel", "joint_states"):
         bus.put_bytes(key, b"x")
@@ -79,7 +74,8 @@ def test_refused_payloads_and_unknown_fields_are_warnings(bus, put, reports):
     put(CLOCK, Clock(), at(0, run=2))
     (well, values), (refused, counts), (ignored, fields) = reports
     assert (well.level, well.message) == (0, "ok")
-    assert values == {"runs": "1", "refused_payloads": "0"}
+    # of services, not of tools
+    assert values == {"runs": "1", "refused_payloads": "0", "restarts/controller": "1"}
     assert (refused.level, refused.message) == (1, "refused payloads")
     names = ("refused_payloads", "refused/cmd_vel", "refused/joint_states")
     assert [counts[name] for name in names] == ["3", "2", "1"]
@@ -103,18 +99,6 @@ def test_rates_and_ages_of_inputs_are_reported(bus, put, reports):
         put(CLOCK, Clock(), at(tick, run=2))
     values = reports[-1][1]
     assert (values["hz/cmd_vel"], values["age_s/cmd_vel"]) == ("0.0", "never")
-
-
-def test_restarts_of_services_are_counted(bus, put, reports):
-    returned = []
-    bus.presence.on_return.append(returned.append)
-    for name, states in (("controller", (1, 0, 1, 1, 0, 1)), ("tool", (1, 0, 1))):
-        for alive in states:
-            bus.presence.update(name, alive=bool(alive))
-    put(CLOCK, Clock(), at(0))
-    assert returned == ["controller", "controller", "tool"]
-    restarts = {key: value for key, value in reports[0][1].items() if "restarts" in key}
-    assert restarts == {"restarts/controller": "2"}  # of services, not of tools
 
 
 def test_a_service_is_healthy_while_it_holds_its_token(open_bus, router):

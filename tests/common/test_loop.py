@@ -27,10 +27,6 @@ def row(name, *inputs, gives=(), **rates):
     return Row(name, inputs=inputs, outputs=tuple(gives), rates=rates)
 
 
-def rule(turn, key):
-    return next(slot.rule for slot in turn.slots if slot.on_bus.key == key)
-
-
 @pytest.mark.parametrize("sim", [LOCKSTEP, REAL_TIME])
 def test_a_turn_follows_the_turns_that_it_waits_for(scenario, sim):
     turns = turns_with(scenario, sim=sim, sensor=SensorConfig(kind="fused"))
@@ -41,18 +37,6 @@ def test_a_turn_follows_the_turns_that_it_waits_for(scenario, sim):
             if slot.giver is not None and slot.rule != "latest":
                 comes_before = order.index(slot.giver.name) < order.index(name)
                 assert comes_before is not bool(slot.lag)
-
-
-def test_turns_wait_for_nodes_and_for_no_topic_without_a_giver(scenario):
-    first = row("first", every(CLOCK), gives=[A])
-    second = row("second", every(CLOCK), latest(A))
-    for sim, expected in ((REAL_TIME, "latest"), (LOCKSTEP, "due")):
-        turns = turns_with(scenario, second, first, sim=sim, services=("physics", "controller"))
-        assert rule(turns["second"], "a") == expected
-        assert rule(turns["controller"], "cmd_vel") == "latest"
-        assert rule(turns["physics"], "target/odom") == "latest"
-        assert rule(turns["physics"], "joint_command") == "due"
-    assert list(turns).index("first") < list(turns).index("second")
 
 
 def test_nodes_that_wait_for_each_other_are_refused(scenario):
@@ -98,17 +82,13 @@ def test_the_world_waits_for_a_chain_of_turns_but_no_listener(scenario):
     assert turns["target"].depth() == 2
 
 
-def test_robots_have_turns_of_their_own_or_share_them(scenario):
+def test_a_node_of_one_robot_names_its_topics_without_the_robot(scenario):
     robots = (RobotConfig("red"), RobotConfig("blue", start=StartConfig(y_m=2.0)))
     turns = turns_with(scenario, robots=robots, services=("physics", "controller"))
     each = {f"{robot}/{name}" for robot in ("red", "blue") for name in ("odometry", "controller")}
     assert turns.keys() == {"clock", "physics", *each}
-    assert turns["blue/odometry"].service == "blue/controller"
     inputs = {slot.topic.key for slot in turns["physics"].slots}
     assert {"red/joint_command", "blue/joint_command"} <= inputs
-    clocks = [topic.key for topic in turns["clock"].outputs]
-    assert clocks[:3] == ["clock", "red/clock", "blue/clock"]
-    # a node of one robot refers to its topics without the robot's name
     (states,) = turns["blue/odometry"].slots
     assert (states.topic, states.on_bus.key) == (keys.JOINT_STATES, "blue/joint_states")
     assert states.giver is turns["physics"]

@@ -105,17 +105,16 @@ def priority():
 
 
 @pytest.mark.parametrize(
-    ("settings_of_run", "policy", "shares_core"),
+    ("setting", "policy", "shares_core"),
     [
-        ([PROMPT, "sim.mode=real_time"], (os.SCHED_RR, 2), True),
-        ([PROMPT, "sim.speed=2.0"], (os.SCHED_OTHER, 0), False),
-        ([PROMPT, "sim.mode=lockstep"], (os.SCHED_BATCH, 0), True),
-        (["sim.mode=real_time"], (os.SCHED_OTHER, 0), False),
+        ("sim.mode=real_time", (os.SCHED_RR, 2), True),
+        ("sim.speed=2.0", (os.SCHED_OTHER, 0), False),
+        ("sim.mode=lockstep", (os.SCHED_BATCH, 0), True),
     ],
 )
 @pytest.mark.usefixtures("priority")
-def test_threads_have_the_policy_and_the_core(start, settings_of_run, policy, shares_core):
-    with start("mine", *settings_of_run) as process:
+def test_threads_have_the_policy_and_the_core(start, setting, policy, shares_core):
+    with start("mine", PROMPT, setting) as process:
         await_start(process)
         threads = [int(path.name) for path in Path(f"/proc/{process.pid}/task").iterdir()]
         policies = {

