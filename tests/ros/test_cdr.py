@@ -73,8 +73,6 @@ def test_a_length_beyond_the_payload_takes_no_memory():
     [
         (b"\x00\x03\x00\x00" + bytes(24), m.Vector3),  # another encoding
         (cdr.HEADER + struct.pack("<3d", 1.0, math.nan, 2.0), m.Vector3),
-        (cdr.HEADER + struct.pack("<3d", 1.0, -math.inf, 2.0), m.Vector3),
-        (cdr.encode(m.Time(0, 10**9)), m.Time),
         (cdr.encode(m.DiagnosticStatus(level=4)), m.DiagnosticStatus),
     ],
 )
@@ -111,11 +109,8 @@ def kind_of(annotation):
         (m.UInt8, "uint8"),
         (Annotated[int, msgspec.Meta(gt=-1, lt=257)], "uint16"),
         (Annotated[int, msgspec.Meta(ge=-129, le=0)], "int16"),
-        (Annotated[int, msgspec.Meta(ge=0)], "uint64"),
-        (m.Float32, "float32"),
         (m.Matrix3, "float64[9]"),
         (Annotated[tuple[str, ...], msgspec.Meta(max_length=4)], "string[<=4]"),
-        (bytes, "uint8[]"),
         (tuple[m.Time, ...], "builtin_interfaces/Time[]"),
     ],
 )
@@ -123,9 +118,7 @@ def test_a_field_has_the_narrowest_type_that_holds_its_bounds(annotation, ros):
     assert definition(kind_of(annotation)).startswith(f"{ros} field\n")
 
 
-@pytest.mark.parametrize(
-    "annotation", [dict[str, int], tuple[tuple[int, ...], ...], str | None, tuple[m.UInt8, ...]]
-)
+@pytest.mark.parametrize("annotation", [dict[str, int], tuple[tuple[int, ...], ...], str | None])
 def test_an_annotation_without_a_ros_type_is_an_error(annotation):
     kind = kind_of(annotation)
     with pytest.raises(RosTypeError, match=r"test_msgs/msg/Kind\d+: field: ROS has no type for"):

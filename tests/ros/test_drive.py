@@ -105,15 +105,6 @@ def test_a_response_repeats_number_and_identity_of_the_request(running, node, pr
         assert running.call(keys.SIM_STATE, Empty()).paused == is_paused
 
 
-def test_the_owner_of_time_answers_for_the_parameters_of_a_node(node, prefix):
-    key = node.key_of("SS", f"{prefix}/controller/get_parameters")
-    request = message("rcl_interfaces/srv/GetParameters_Request")(("use_sim_time",))
-    response = message("rcl_interfaces/srv/GetParameters_Response")
-    for payload, values in ((cdr.encode(request), [True]), (b"", [])):  # malformed: no values
-        (reply,) = node.call(key, payload)
-        assert [v.bool_value for v in cdr.decode(reply.payload, response).values] == values
-
-
 def test_the_sensors_of_a_real_robot_are_those_of_ros(resources, up, raw_node):
     """A robot behind a guard: no node publishes the scan."""
     board = resources.enter_context(emulated())  # until the stack has ended

@@ -6,9 +6,7 @@ import pytest
 from harness import load_robot
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.graph import NODES
 from mecazen.urdf import build_urdf
-from mecazen_ros import protocol
 from mecazen_ros.cdr import decode, encode
 from mecazen_ros.topics import fixed_frames, full_name, publications, subscriptions
 from msgspec.structs import replace
@@ -106,16 +104,3 @@ def test_fixed_links_are_frames():
     q = optical.transform.rotation
     assert (q.x, q.y, q.z, q.w) == pytest.approx((-0.5, 0.5, -0.5, 0.5))
     assert frames["r/lidar_link"].transform.translation.z > 0.0
-
-
-def test_rules_of_access_name_keys_in_ros():
-    twist, stamped = (f"cmd_vel/geometry_msgs::msg::dds_::Twist{end}_/*" for end in ("", "Stamped"))
-    assert protocol.received_keys(keys.CMD_VEL) == [f"**/{twist}", f"**/{stamped}"]
-    assert protocol.received_keys(keys.CMD_VEL, "two", "lab")[0] == f"*/lab/two/{twist}"
-    odom, tf = protocol.published_keys(NODES["odometry"], keys.ODOM)
-    assert odom == "**/odom/nav_msgs::msg::dds_::Odometry_/*"
-    assert tf == "**/tf/tf2_msgs::msg::dds_::TFMessage_/*"
-    step = "**/step_simulation/simulation_interfaces::srv::dds_::StepSimulation_/*"
-    assert protocol.service_keys([keys.SIM_STEP]) == [step]
-    assert len(protocol.latched_keys(keys.ROBOT_DESCRIPTION)) == 2
-    assert protocol.tokens("physics") == f"@ros2_lv/{'*/' * 7}physics/**"
