@@ -1,6 +1,6 @@
 """A world of a few lines, and a clock that advances it."""
 
-from harness import Answer, Listener, load_robot
+from harness import Listener, load_robot
 from mecazen import keys
 from mecazen.bus import LocalBus
 from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
@@ -57,6 +57,20 @@ class Carts(Node):
 def state(tick, pose):
     truth = planar_odometry(tick.time, "world", "base_link", pose, Twist2D())
     return {keys.JOINT_STATES: JointState(header=truth.header), keys.GROUND_TRUTH: truth}
+
+
+class Answer:
+    """A reply that may come later than the request."""
+
+    message = error = None
+
+    def answer(self, message):
+        assert self.message is self.error is None
+        self.message = message
+
+    def refuse(self, reason):
+        assert self.message is self.error is None
+        self.error = reason
 
 
 class Rig:

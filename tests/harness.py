@@ -14,11 +14,10 @@ import msgspec
 import pytest
 from hostile import Put
 from mecazen import keys
-from mecazen.bus import Bus, LocalBus
+from mecazen.bus import LocalBus
 from mecazen.config import BusConfig, Scenario
-from mecazen.errors import BusError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.keys import Call, Topic
+from mecazen.keys import Topic
 from mecazen.messages import Message, Twist
 from mecazen.node import Inputs, Node, Tick
 from mecazen.programs import Kind
@@ -142,14 +141,6 @@ def error_of(kind: type[Exception], run: Callable[[], object]) -> str:
         run()
     assert len(str(caught.value).splitlines()) == 1
     return str(caught.value)
-
-
-def ask_bytes(bus: Bus, call: Call[Any, Any], payload: bytes) -> Any:
-    """Query a key within the process with bytes, as an external program does."""
-    try:
-        return bus.call(call, bus._decode_request(call, payload))
-    except RefusedError as refusal:
-        raise BusError(f"{call.key}: {refusal}") from None
 
 
 class Sample(NamedTuple):
@@ -285,23 +276,6 @@ class Steps:
         self._came |= {topic: tick for topic in samples if topic not in refused}
         self._last = tick
         return dict(outputs)
-
-
-class Answer:
-    """A reply that may come later than the request."""
-
-    def __init__(self) -> None:
-        self.message: Any = None
-        self.error: str | None = None
-
-    def answer(self, message: Any) -> None:
-        assert self.message is None
-        assert self.error is None
-        self.message = message
-
-    def refuse(self, reason: str) -> None:
-        self.answer(BusError(reason))
-        self.message, self.error = None, reason
 
 
 def assert_sendable(sample: Sample) -> None:

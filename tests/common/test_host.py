@@ -5,7 +5,7 @@ import re
 
 import msgspec
 import pytest
-from harness import Rig, ask_bytes, error_of
+from harness import Rig, error_of
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import LocalBus
@@ -176,7 +176,7 @@ def test_a_node_answers_or_refuses_queries_until_it_is_closed(rig):
     rig = rig(programs={"follower": "my.py:Follower"})
     assert rig.bus.call(PLACE, m.OdometryRequest()).child_frame_id == "toy/place"
     with pytest.raises(BusError, match=r"^toy/place: behind the start$"):
-        ask_bytes(rig.bus, PLACE, b'{"pose":{"position":{"x":-1}}}')
+        rig.bus.call(PLACE, m.OdometryRequest(pose=m.Pose.planar(Pose2D(x=-1.0))))
     with pytest.raises(NodeError, match="toy/silent is in the row and has no answer"):
         rig.bus.call(SILENT, m.OdometryRequest())
     rig.driver.host.close()

@@ -15,7 +15,7 @@ from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
 from mecazen.messages import Clock, Empty, Image, Odometry, SimState, Time, Twist
-from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, Stamp
+from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, Stamp, decode
 
 STAMP = Stamp(0, 1, 0)
 
@@ -175,37 +175,56 @@ def test_a_robots_keys_are_in_its_namespace_which_others_do_not_hear(open_bus):
     assert names == ["odom"]
 
 
-def replies_to(session, bus, expression):
-    """Return all replies to the query of a client without our code."""
-    channel, replies = session.get(expression, handler=zenoh.handlers.FifoChannel(16)), []
-    while True:
-        bus.drain()
-        try:
-            reply = channel.try_recv()
-        except zenoh.ZError:  # no more will come
-            return replies
-        if reply is not None:
-            replies.append(reply)
+@pytest.fixture
+def ask(open_bus, router):
+    """Return a bus, and a function that returns all replies to a client without our code."""
+    bus = open_bus(namespace="strange")
+    with open_session(BusConfig(connect=(router,), namespace="strange"), "client") as session:
+
+        def run(expression, payload=b""):
+            handler, replies = zenoh.handlers.FifoChannel(16), []
+            channel = session.get(expression, payload=payload, handler=handler)
+            while True:
+                bus.drain()
+                try:
+                    reply = channel.try_recv()
+                except zenoh.ZError:  # no more will come
+                    return replies
+                if reply is not None:
+                    replies.append(reply)
+
+        bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(SimState(tick=7)))
+        while not run("sim/state"):  # the session has not yet discovered the server
+            pass
+        yield bus, run
 
 
-def test_a_query_on_an_expression_reads_and_changes_nothing(open_bus, router):
-    bus, resets = open_bus(namespace="strange"), []
-    bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(SimState(tick=7)))
+def test_a_query_on_an_expression_reads_and_changes_nothing(ask):
+    (bus, run), resets = ask, []
     bus.serve(keys.SIM_RESET, lambda _, reply: (resets.append(1), reply.answer(SimState())))
     bus.serve_files("robot_description", {"a.stl": b"mesh"})
-    with open_session(BusConfig(connect=(router,), namespace="strange"), "client") as session:
-        while not replies_to(session, bus, "sim/state"):  # the server is not yet discovered
-            pass
-        for count, (expression, answers) in enumerate(
-            (("**", {"sim/state", "robot_description/a.stl"}), ("*/reset", set())), 1
-        ):
-            replies = replies_to(session, bus, expression)
-            assert {str(reply.ok.key_expr) for reply in replies if reply.ok} == answers
-            errors = [reply.err.payload.to_string() for reply in replies if reply.err]
-            assert errors == ["asked on another key expression"]
-            assert (resets, bus.refused) == ([], {"sim/reset": count})
-        assert replies_to(session, bus, "sim/reset")[0].ok is not None
+    for count, (expression, answers) in enumerate(
+        (("**", {"sim/state", "robot_description/a.stl"}), ("*/reset", set())), 1
+    ):
+        replies = run(expression)
+        assert {str(reply.ok.key_expr) for reply in replies if reply.ok} == answers
+        errors = [reply.err.payload.to_string() for reply in replies if reply.err]
+        assert errors == ["asked on another key expression"]
+        assert (resets, bus.refused) == ([], {"sim/reset": count})
+    assert run("sim/reset")[0].ok is not None
     assert resets == [1]
+
+
+def test_empty_requests_mean_defaults_and_wrong_ones_are_errors(ask):
+    bus, run = ask
+    bus.serve(keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks)))
+    for payload in (b"", b" \n", b"{}"):
+        (reply,) = run("sim/step", payload)
+        assert decode(reply.ok.payload.to_bytes(), SimState).tick == 1
+    for count, payload in enumerate((b'{"ticks":0}', b'{"ticks":"x"}', b"x", b"[]", b"\xc0"), 1):
+        (reply,) = run("sim/step", payload)
+        assert reply.err.payload.to_string().startswith("not a mecazen_msgs/msg/StepRequest: ")
+        assert bus.refused == {"sim/step": count}
 
 
 class BadAnswer(Empty):

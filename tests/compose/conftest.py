@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 from typing import Any
 
 import pytest
-from containers import Compose, command, docker
+from compose.containers import Compose, command, docker
 from harness import Newest
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus

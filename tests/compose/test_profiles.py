@@ -7,7 +7,7 @@ import sys
 
 import msgspec
 import pytest
-from containers import docker
+from compose.containers import docker
 from harness import ROOT, SCENARIOS, Newest
 from mecazen import keys
 from mecazen.loading import load_scenario, parse_settings

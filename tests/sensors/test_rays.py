@@ -2,7 +2,6 @@
 
 import math
 
-import analytic
 import msgspec
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from mecazen_sensors.camera import CameraView, DepthCamera
 from mecazen_sensors.lidar import STEPS_PER_M, Lidar
 from mecazen_sensors.raycast import RayScene
 from people import HEIGHT, NEXUS, body, walking
+from sensors import analytic
 
 EXACT_M = 1e-6
 """Far more than rounding, which is 1e-15 of the largest coordinate, and its square root for a ray

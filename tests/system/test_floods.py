@@ -8,9 +8,9 @@ from statistics import quantiles
 
 import pytest
 from harness import SCENARIOS
-from intruders import flooding
 from mecazen import keys
 from mecazen.messages import Empty
+from system.intruders import flooding
 
 WINDOW_S = 1.0
 SETTLED_S = 1.0

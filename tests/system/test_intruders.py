@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import zenoh
 from harness import SCENARIOS
-from intruders import Intruder, sample_messages
 from mecazen import keys
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
@@ -18,6 +17,7 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
+from system.intruders import Intruder, sample_messages
 
 BACK = SCENARIOS / "back.toml"
 

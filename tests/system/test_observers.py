@@ -10,7 +10,7 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen_recorder.reader import Recording
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
-from observing import slow_observer
+from system.observing import slow_observer
 
 BACK = SCENARIOS / "back.toml"
 RUN = ("sim.duration_s=10.0", "seed=3", "sim.mode=lockstep")

@@ -7,13 +7,12 @@ import secrets
 import socket
 import subprocess
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import msgspec
+from harness import ROOT
 from mecazen.errors import MecazenError
 
-ROOT = Path(__file__).parents[1]
 PORTS = ("MECAZEN_ROUTER_PORT", "MECAZEN_WEB_PORT", "MECAZEN_DATA_PORT")
 VARIABLES = (*PORTS, "MECAZEN_SCENARIO", "MECAZEN_SET", "COMPOSE_PROFILES", "COMPOSE_FILE")
 """What docker-compose.yml and .env are to say, unless it is said here."""
