@@ -1,17 +1,24 @@
-"""Messages and keys: fields of ROS, the same bits after the wire, and each key once."""
+"""Messages, keys and the wire: bytes become the message of their key, or are refused."""
 
 import math
+import struct
+import subprocess
+import sys
 
 import msgspec
 import pytest
 from drawn import KINDS, drawn, plain
-from hypothesis import given
+from harness import error_of, forward
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from mecazen import keys, messages
+from mecazen import keys, messages, wire
+from mecazen import messages as m
+from mecazen.bus.base import decode_sample
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
+from mecazen.limits import refuse_implausible
 from mecazen.messages import diagonal_covariance, planar_covariance, ros_covariance
-from mecazen.wire import decode, encode
+from mecazen.wire import JSON_ENCODING, Stamp, decode, encode
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
@@ -96,3 +103,185 @@ def test_every_topic_and_call_is_in_the_table_once():
     assert keys.topic_of(keys.diagnostics("physics").key) is keys.DIAGNOSTICS
     assert keys.topic_of("diagnostics") is None
     assert keys.topic_of("cmd_vel/more") is None
+
+
+FORWARD = forward(0.2)
+
+
+def cdr(*parts, order="<"):
+    """Return CDR of either byte order, of doubles and of bytes."""
+    body = b"".join(p if isinstance(p, bytes) else struct.pack(f"{order}d", p) for p in parts)
+    return bytes((0, order == "<", 0, 0)) + body
+
+
+HEADER = struct.pack("<iII10s2x", 7, 8, 10, b"base_link\0")
+"""Time, length of the frame, the frame, and padding to a multiple of 8 bytes."""
+
+
+# Twists as other programs send them: each is 0.2 m/s forward.
+@pytest.mark.parametrize(
+    ("payload", "encoding"),
+    [
+        (b'{"linear":{"x":0.2}}\r\n', "zenoh/bytes"),
+        (b' \t\r\n{"linear": {"x": 2e-1}}', f"{JSON_ENCODING};charset=utf-8"),
+        (b'\xef\xbb\xbf{"linear":{"x":0.2}}', "text/json"),
+        (b'{"header":{"frame_id":"x"},"twist":{"linear":{"x":0.2}}}', ""),
+        (b'{"linear":{"x":0.2},"linaer":{}}', ""),  # the bus warns of the unknown field
+        (cdr(0.2, *[0.0] * 5), ""),
+        (cdr(0.2, *[0.0] * 5, order=">"), "application/cdr"),
+        (cdr(HEADER, 0.2, *[0.0] * 5), "zenoh/bytes"),
+    ],
+)
+def test_a_twist_of_another_program_is_decoded(payload, encoding):
+    assert decode(payload, m.Twist, encoding) == FORWARD
+
+
+def test_a_zero_twist_and_an_emergency_stop_are_never_refused():
+    for payload in (b"{}", b'{"linear":{}}', b'{"linear":{"x":0.0},"mine":1}'):
+        assert decode(payload, m.Twist) == m.Twist()
+    assert decode(b'{"mine":1}', m.Empty) == m.Empty()
+
+
+def test_a_scan_may_have_null_for_numbers_that_json_lacks():
+    payload = b'{"range_min":0.1,"range_max":12.0,"ranges":[null,0.5,40.0],"intensities":[null]}'
+    assert decode(payload, m.LaserScan).ranges == (0.0, 0.5, 40.0)
+
+
+TWIST = "not a geometry_msgs/msg/Twist: "
+REFUSED = [
+    (b"", m.Twist, "empty payload"),
+    (b'{"linear":{"x":0.2}', m.Twist, TWIST),
+    (b"\x81\xa6linear\x80", m.Twist, TWIST),
+    (b'{"linear":{"x":NaN}}', m.Twist, TWIST),
+    (b'{"linear":{"x":' + b"9" * 5000 + b"}}", m.Twist, TWIST),
+    (b'{"linear":{"x":"1"}}', m.Twist, "Expected `float`, got `str` - at `$.linear.x`"),
+    (b'{"position":[0.0,NaN]}', m.JointState, ""),
+    (b'{"clock":{"sec":4294967296}}', m.Clock, "$.clock.sec"),
+    (b'{"tick":' + b"9" * 5000 + b"}", m.SimState, ""),
+    (b'{"covariance":[0' + b",0" * 34 + b"]}", m.PoseWithCovariance, "length >= 36"),
+    (b"[]", m.Twist, TWIST),
+    (b'{"frame_id":"\\ud800"}', m.Header, ""),
+    (b'{"x":' + b"[" * 400_000 + b"]" * 400_000 + b"}", m.Twist, TWIST),
+    (b'{"x":' * 100_000 + b"1" + b"}" * 100_000, m.Twist, TWIST),
+    (cdr(*[0.0] * 5), m.Twist, ""),
+    (cdr(bytes(4)), m.ResetRequest, ""),  # no message of ROS
+    (b'{"linaer":{"x":1},"angle":1}', m.Twist, f"{TWIST}linaer is ignored; did you mean linear?"),
+    (b'{"header":{},"twist":{"x":1}}', m.Twist, "x is ignored; allowed: linear, angular"),
+]
+
+
+@pytest.mark.parametrize(("payload", "kind", "problem"), REFUSED, ids=range(len(REFUSED)))
+def test_anything_else_is_refused_in_one_line(payload, kind, problem):
+    assert problem in error_of(RefusedError, lambda: decode(payload, kind))
+
+
+@pytest.mark.parametrize("extra", [b"1e999", b"[" * 900 + b"]" * 900, b'"\xff"'])
+def test_malformed_unknown_fields_are_skipped(extra):
+    payload = b'{"mine":' + extra + b',"linear":{"x":0.2}}'
+    assert decode(payload, m.Twist) == FORWARD
+    line = wire.ignored_field(payload, "", FORWARD)
+    assert line is None or line.startswith("mine is ignored; ")
+
+
+def test_names_of_ignored_fields_are_short_and_printable():
+    for name, shown in ((b"\\u001b[2J", "\\u001b[2J"), (b"x" * 1000, f"{'x' * 60}…")):
+        line = wire.ignored_field(b'{"' + name + b'":1,"linear":{"x":0.2}}', "", FORWARD)
+        assert line == f"{shown} is ignored; allowed: linear, angular"
+
+
+def test_a_bus_imports_nothing_of_ros():
+    code = "import sys, mecazen.bus.zenoh_bus, mecazen.runtime.process; print(*sys.modules)"
+    names = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "mecazen.bus.session" in names
+    assert not [name for name in names if name.startswith(("mecazen_ros", "rosbags", "numpy"))]
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1), *[st.integers(0, 2**32 - 1)] * 2)
+def test_a_stamp_round_trips(time_ns, run, seed):
+    stamp = Stamp(time_ns, run, seed)
+    assert Stamp.unpack(stamp.pack()) == stamp
+    assert stamp.time.ns == time_ns
+
+
+def test_an_attachment_that_is_no_stamp_is_refused():
+    assert Stamp(1, 2, 3).pack() == bytes([1, *[0] * 7, 2, 0, 0, 0, 3, 0, 0, 0])  # little-endian
+    for size in (0, 15, 17, 20, 999):
+        assert f"{size} bytes" in error_of(
+            RefusedError, lambda size=size: Stamp.unpack(bytes(size))
+        )
+    for time_ns in (-1, 2**31 * 10**9, 2**63 - 1):
+        data = struct.pack("<qII", time_ns, 0, 0)
+        assert f"time {time_ns}" in error_of(RefusedError, lambda data=data: Stamp.unpack(data))
+
+
+names = st.sampled_from(
+    sorted({name for kind in KINDS for name in kind.__struct_fields__} | {"x", "sec", "stamp"})
+)
+scalars = st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats()
+values = st.recursive(
+    scalars | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(names, inner, max_size=5),
+    max_leaves=15,
+)
+tables = st.dictionaries(names, values, max_size=5).map(msgspec.json.encode)
+encodings = st.sampled_from(["", "zenoh/bytes", JSON_ENCODING, "application/cdr", "\ud800", ";"])
+
+
+@settings(max_examples=1000)
+@given(
+    st.binary(max_size=200) | tables,
+    st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 4), st.binary(max_size=4)), max_size=6),
+    st.sampled_from(KINDS),
+    encodings,
+)
+def test_any_bytes_are_refused_or_a_message_that_round_trips(payload, edits, kind, encoding):
+    for place, cut, put in edits:
+        at = place % (len(payload) + 1)
+        payload = payload[:at] + put + payload[at + cut :]
+    try:
+        message = decode(payload, kind, encoding)
+    except RefusedError:
+        return
+    assert isinstance(message, kind)
+    assert decode(encode(message), kind) == message
+
+
+def at(x):
+    return m.PoseWithCovariance(pose=m.Pose(position=m.Point(x=x)))
+
+
+def moving(x, z=0.0):
+    return m.Twist(linear=m.Vector3(y=x), angular=m.Vector3(z=z))
+
+
+def varying(variance):
+    return m.PoseWithCovariance(covariance=(*35 * (0.0,), variance))
+
+
+@pytest.mark.parametrize(
+    ("topic", "make", "quantity", "limit"),
+    [
+        (keys.ODOM, lambda x: m.Odometry(pose=at(x)), "position", "1e+06 m"),
+        (keys.CMD_VEL, moving, "linear velocity", "1e+06 m/s"),
+        (keys.CMD_VEL, lambda w: moving(0.0, w), "angular velocity", "1e+06 rad/s"),
+        (keys.TARGET_CMD_VEL, moving, "linear velocity", "20 m/s"),
+        (keys.OBSERVATION, lambda v: m.Observation(poses=(varying(v),)), "covariance", "1e+12"),
+        (keys.TARGET_SKELETON, lambda x: m.Skeleton(std=(x,)), "deviation of a joint", "1e+06 m"),
+    ],
+)
+def test_a_number_at_its_limit_is_taken_and_the_next_larger_refused(topic, make, quantity, limit):
+    largest = float(limit.partition(" ")[0])
+    good = make(-largest)
+    assert decode_sample(topic, encode(good), "", None) == (good, None)
+    number = math.nextafter(largest, math.inf)
+    payload = encode(make(number))
+    text = error_of(RefusedError, lambda: decode_sample(topic, payload, "", None))
+    assert text == f"{quantity} {number} is out of range, at most {limit}"
+
+
+def test_numbers_without_a_limit_may_be_of_any_size():
+    refuse_implausible("any", m.JointState(position=(1e300,), effort=(1e300,)))
+    tilted = (0.0,) * 14 + (1e99,) + (0.0,) * 21  # not planar, and so of no use
+    refuse_implausible("any", m.Observation(poses=(m.PoseWithCovariance(covariance=tilted),)))

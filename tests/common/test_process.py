@@ -14,7 +14,7 @@ import msgspec
 import pytest
 import toys
 from harness import COMMAND_GUARD_S, wait
-from mecazen.config import BusConfig, Process, SimConfig
+from mecazen.config import BusConfig, Process
 from mecazen.errors import BusError
 from mecazen.runtime import process as running
 from mecazen.wire import Stamp
@@ -179,25 +179,3 @@ def test_a_missing_extra_for_ros_is_an_error(monkeypatch, scenario):
     scenario = msgspec.structs.replace(scenario, bus=BusConfig(ros2=True))
     with pytest.raises(BusError, match=r"bus.ros2 needs pip install 'mecazen\[ros2\]'"):
         running.run(Process(("controller",)), scenario)
-
-
-@pytest.mark.parametrize(
-    ("sim", "most_hz"),
-    [
-        (SimConfig(tick_s=0.02, speed=4.0), 2000.0),  # ten samples in each tick
-        (SimConfig(mode="lockstep"), None),
-    ],
-)
-def test_a_router_limits_rates_in_real_time(monkeypatch, scenario, sim, most_hz):
-    rates = []
-
-    @contextmanager
-    def open_session(*_, most_hz, **__):
-        rates.append(most_hz)
-        yield
-
-    monkeypatch.setattr(running, "open_session", open_session)
-    monkeypatch.setattr(running, "stop_on_signals", lambda stop: stop())
-    monkeypatch.setattr(running, "set_up_log", lambda *_: None)
-    running.run(running.ROUTER, msgspec.structs.replace(scenario, sim=sim))
-    assert rates == [most_hz]

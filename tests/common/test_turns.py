@@ -1,19 +1,113 @@
-"""Which samples make up a step, and when a worker makes it."""
+"""Turns within a tick: their order and periods, and the samples of each step."""
 
 import re
 
+import msgspec
 import pytest
 from harness import Rig, load_robot
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen.config import Scenario, SimConfig
-from mecazen.keys import Topic
+from mecazen import keys
+from mecazen.config import (
+    ControllerConfig,
+    RobotConfig,
+    Scenario,
+    SensorConfig,
+    SimConfig,
+    StartConfig,
+)
+from mecazen.errors import ConfigError
+from mecazen.graph import Graph
+from mecazen.keys import CLOCK, ODOM, Topic
+from mecazen.loop import awaited_services, turns_of
 from mecazen.messages import String
+from mecazen.programs import graph_of
 from mecazen.row import Row, due, every, latest
 from mecazen.wire import encode
 from toys import Toy, user_nodes
 
 A, B, D, E, L = (Topic(key, String, "", open=key in "de") for key in "abdel")
+LOCKSTEP, REAL_TIME = (SimConfig(mode=mode) for mode in ("lockstep", "real_time"))
+
+
+def turns_with(scenario, *more, **changes):
+    """Return the turns of a scenario with further rows in its graph, by name and in order."""
+    changed = msgspec.structs.replace(scenario, **{"sim": LOCKSTEP, **changes})
+    graph = Graph((*graph_of(changed).rows, *more), changed.names)
+    return {turn.name: turn for turn in turns_of(changed, graph)}
+
+
+def row(name, *inputs, gives=(), **rates):
+    return Row(name, inputs=inputs, outputs=tuple(gives), rates=rates)
+
+
+@pytest.mark.parametrize("sim", [LOCKSTEP, REAL_TIME])
+def test_a_turn_follows_the_turns_that_it_waits_for(scenario, sim):
+    turns = turns_with(scenario, sim=sim, sensor=SensorConfig(kind="fused"))
+    order = list(turns)
+    assert order[0] == "clock"
+    for name, turn in turns.items():
+        for slot in turn.slots:
+            if slot.giver is not None and slot.rule != "latest":
+                comes_before = order.index(slot.giver.name) < order.index(name)
+                assert comes_before is not bool(slot.lag)
+
+
+def test_nodes_that_wait_for_each_other_are_refused(scenario):
+    rows = row("first", every(CLOCK), latest(A), gives=[B]), row("second", every(B), gives=[A])
+    assert {"first", "second"} <= turns_with(scenario, *rows, sim=REAL_TIME).keys()
+    circle = "(first waits for second waits for first|second waits for first waits for second): no"
+    with pytest.raises(ConfigError, match=circle):
+        turns_with(scenario, *rows)
+    with pytest.raises(ConfigError, match=r"^itself waits for itself: "):
+        turns_with(scenario, row("itself", every(CLOCK), due(A), gives=[A]))
+
+
+def test_a_user_of_the_sample_before_precedes_its_giver(scenario):
+    giver = row("giver", every(A), gives=[B])
+    user = row("user", every(CLOCK), due(B, before=True), gives=[A])
+    for rows in ((giver, user), (user, giver)):
+        turns = list(turns_with(scenario, *rows))
+        assert turns.index("user") < turns.index("giver")
+
+
+def test_a_turn_comes_when_all_its_triggers_do(scenario):
+    tenth = row("tenth", every(CLOCK), gives=[A], a=10.0)
+    both, never = row("both", every(ODOM), every(A)), row("never", latest(ODOM))
+    slow = ControllerConfig(update_rate_hz=25.0)  # every 4th tick of 10 ms
+    turns = turns_with(scenario, tenth, both, never, controller=slow)
+    periods = {name: turn.period for name, turn in turns.items()}
+    assert [periods[name] for name in ("physics", "odometry", "controller")] == [1, 1, 1]
+    # samples of every 4th and of every 10th tick coincide every 20th
+    assert (periods["follower"], periods["never"], periods["both"]) == (4, 0, 20)
+    assert turns["odometry"].outputs[ODOM].period == 4
+    with pytest.raises(ConfigError, match=r"^controller.update_rate_hz = 30 must divide"):
+        turns_with(scenario, controller=ControllerConfig(update_rate_hz=30.0))
+
+
+def test_the_world_waits_for_a_chain_of_turns_but_no_listener(scenario):
+    driver = row("driver", every(CLOCK), gives=[keys.TARGET_CMD_VEL])
+    services = {"physics", "controller", "target", "follower"}
+    for sim, awaited in ((REAL_TIME, services), (LOCKSTEP, services | {"driver"})):
+        turns = turns_with(scenario, row("listener", every(ODOM)), driver, sim=sim)
+        assert awaited_services(turns.values()) == awaited
+    chain = ("clock", "physics", "odometry", "follower", "controller")
+    assert [turns[name].depth() for name in chain] == [0, 1, 2, 3, 4]
+    assert turns["target"].depth() == 2
+
+
+def test_a_node_of_one_robot_names_its_topics_without_the_robot(scenario):
+    robots = (RobotConfig("red"), RobotConfig("blue", start=StartConfig(y_m=2.0)))
+    turns = turns_with(scenario, robots=robots, services=("physics", "controller"))
+    each = {f"{robot}/{name}" for robot in ("red", "blue") for name in ("odometry", "controller")}
+    assert turns.keys() == {"clock", "physics", *each}
+    inputs = {slot.topic.key for slot in turns["physics"].slots}
+    assert {"red/joint_command", "blue/joint_command"} <= inputs
+    (states,) = turns["blue/odometry"].slots
+    assert (states.topic, states.on_bus.key) == (keys.JOINT_STATES, "blue/joint_states")
+    assert states.giver is turns["physics"]
+
+
 EVERY, BOTH, DUE = (every(A),), (every(A), every(B)), (every(A), due(D))
 REVISED, BEFORE = (every(A), due(D, revises=True)), (every(A), due(D, before=True))
 
@@ -51,7 +145,7 @@ def put(rig, name):
         rig.take()
 
 
-REAL_TIME = [
+REAL_TIME_STEPS = [
     # one step for each tick, in order
     (EVERY, "a0 a1 a1x a0x a2 a5 a4", ["0: a0", "1: a1", "2: a2", "5: a5"]),
     # two inputs trigger a step by samples of one tick
@@ -72,7 +166,7 @@ REAL_TIME = [
     # a sample that is ahead of its tick waits for it
     (REVISED, "a0 d0 d2 a1 a2", ["0: a0 d0", "1: a1", "2: a2 d2"]),
 ]
-LOCKSTEP = [
+LOCKSTEP_STEPS = [
     # a sender is ahead of another one by some ticks: no tick is lost
     (BOTH, "a0 a1 a2 b0 b1 a3 b2 b3", ["0: a0 b0", "1: a1 b1", "2: a2 b2", "3: a3 b3"]),
     # a due sample is used at its tick, however late or early it arrives
@@ -90,7 +184,8 @@ LOCKSTEP = [
 
 @pytest.mark.parametrize(
     ("mode", "inputs", "script", "steps"),
-    [("real_time", *case) for case in REAL_TIME] + [("lockstep", *case) for case in LOCKSTEP],
+    [("real_time", *case) for case in REAL_TIME_STEPS]
+    + [("lockstep", *case) for case in LOCKSTEP_STEPS],
 )
 def test_a_step_takes_the_samples_of_its_tick(mode, inputs, script, steps):
     rig = make_rig(inputs, mode, d=2)
