@@ -229,7 +229,7 @@ tables = st.dictionaries(names, values, max_size=5).map(msgspec.json.encode)
 encodings = st.sampled_from(["", "zenoh/bytes", JSON_ENCODING, "application/cdr", "\ud800", ";"])
 
 
-@settings(max_examples=1000)
+@settings(max_examples=300)
 @given(
     st.binary(max_size=200) | tables,
     st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 4), st.binary(max_size=4)), max_size=6),

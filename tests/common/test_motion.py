@@ -131,9 +131,6 @@ DT = 0.01
 REST = LimiterState()
 EXCESS = 1.0 + 1e-6
 """Differences of rounded velocities, divided by dt and dt², carry their rounding with them."""
-ROUNDING = 1e-9
-"""Tolerance for velocities below 4 m/s, summed over 40 ticks."""
-
 values = st.floats(0.05, 50.0)
 backwards = st.one_of(st.none(), st.floats(-4.0, 0.0))
 any_limits = st.builds(
