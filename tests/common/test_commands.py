@@ -39,13 +39,13 @@ def test_a_program_takes_over_until_it_is_silent():
     assert drivers((JOY,), *samples, ticks=(5,)) == ["follower"]  # a key that is left out
 
 
-def test_the_highest_priority_drives_in_any_order_of_the_file():
+def test_the_highest_priority_drives():
     samples = (0, HAND, forward(0.2)), (0, TOPIC, forward(0.1))
     drives = drivers((Command("cmd_vel"), JOY), *samples, ticks=(0, 10, 11))
     assert drives == ["joy", "joy", "cmd_vel"]
 
 
-def test_a_lock_holds_its_priority_and_below_until_it_is_released():
+def test_a_lock_holds_its_priority_until_released():
     samples = (
         (0, NODE, forward(1.0)),
         (2, LOCK, m.Bool(data=True)),

@@ -1,11 +1,8 @@
 """Observers: their samples and runs; and the health that a service reports once a second."""
 
 import pytest
-from harness import forward, wait
+from harness import forward
 from mecazen.bus import StoppedError
-from mecazen.config import BusConfig
-from mecazen.errors import MecazenError
-from mecazen.health import health
 from mecazen.keys import CLOCK, CMD_VEL, JOINT_STATES, diagnostics
 from mecazen.messages import Clock, JointState
 from mecazen.wire import Stamp
@@ -99,15 +96,3 @@ def test_rates_and_ages_of_inputs_are_reported(bus, put, reports):
         put(CLOCK, Clock(), at(tick, run=2))
     values = reports[-1][1]
     assert (values["hz/cmd_vel"], values["age_s/cmd_vel"]) == ("0.0", "never")
-
-
-def test_a_service_is_healthy_while_it_holds_its_token(open_bus, router):
-    config = BusConfig(connect=(router,), namespace="healthy")
-    bus, client = open_bus(namespace="healthy"), open_bus("client", namespace="healthy")
-    assert health("router", config) == "listens"
-    with pytest.raises(MecazenError, match=r"^target is not on the bus$"):
-        health("target", config)
-    for token, state in (("target", "waiting for others"), ("target/ready", "ready")):
-        bus.declare_alive(token)
-        wait(client, lambda token=token: token in client.alive())  # the router knows it then
-        assert health("target", config) == state

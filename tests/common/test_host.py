@@ -251,7 +251,7 @@ def test_a_wrong_output_of_a_user_node_is_refused(rig, outputs, line):
     assert error_of(NodeError, lambda: put_odom(wrong, 5)).startswith(line)
 
 
-def test_a_failing_start_or_close_leaves_no_node_open(scenario):
+def test_a_failure_leaves_no_node_open(scenario):
     closed = []
 
     class Open(Toy):

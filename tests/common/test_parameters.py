@@ -128,7 +128,7 @@ def test_what_was_added_is_a_parameter_until_the_next_run():
         (f"{ADDED}{'x' * 70_000}", BOX, "too many changes in one run; a reset undoes those of"),
     ],
 )
-def test_a_wrong_change_is_one_line_and_changes_nothing(key, value, line):
+def test_a_wrong_change_is_one_line(key, value, line):
     live = live_parameters()
     live.set({f"{ADDED}crate": BOX})
     before = live.requested
@@ -136,7 +136,7 @@ def test_a_wrong_change_is_one_line_and_changes_nothing(key, value, line):
     assert live.requested is before
 
 
-def test_a_value_that_is_not_toml_is_one_line():
+def test_a_value_must_be_toml():
     message = m.Parameters(parameters=(m.Parameter("mine.side", "["),))
     assert error_of(ConfigError, lambda: settings_of(message)).startswith("mine.side: [: not TOML")
 

@@ -236,14 +236,8 @@ def test_rates_divide_the_tick_rate(scenario):
         assert error_of(ConfigError, lambda rate=rate: scenario.ticks_per(rate)).startswith(line)
 
 
-@pytest.mark.parametrize(
-    ("config", "endpoints"),
-    [
-        (BusConfig(), ("tcp/127.0.0.1:7447",)),
-        (BusConfig(connect=("tcp://127.0.0.1:1",)), ("tcp/127.0.0.1:1",)),
-        (BusConfig(keys=Folder("keys")), ("tls/127.0.0.1:7447",)),
-        (BusConfig(zenoh_config=Path("zenoh.json5")), None),
-    ],
-)
-def test_the_router_has_a_usual_port(config, endpoints):
-    assert config.router_endpoints == endpoints
+def test_the_router_has_a_usual_port():
+    assert BusConfig().router_endpoints == ("tcp/127.0.0.1:7447",)
+    assert BusConfig(connect=("tcp://127.0.0.1:1",)).router_endpoints == ("tcp/127.0.0.1:1",)
+    assert BusConfig(keys=Folder("keys")).router_endpoints == ("tls/127.0.0.1:7447",)
+    assert BusConfig(zenoh_config=Path("zenoh.json5")).router_endpoints is None

@@ -9,7 +9,6 @@ from contextlib import closing
 import pytest
 import zenoh
 from harness import error_of, wait
-from mecazen.bus import ports
 from mecazen.bus.session import includes, is_open, open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
@@ -192,13 +191,3 @@ def test_endpoints_of_a_zenoh_configuration_are_checked(tmp_path, mode):
         text = error_of(BusError, lambda: session_config(BusConfig(zenoh_config=path), mode))
         assert "beyond loopback and without TLS" in text
         assert endpoint in text
-
-
-def test_a_free_port_is_below_those_of_connections():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        taken = server.getsockname()[1]
-        assert not ports.is_free(taken)
-    for _ in range(50):
-        port = ports.free_port()
-        assert ports.FIRST <= port < taken
-        socket.create_server(("127.0.0.1", port)).close()

@@ -96,7 +96,7 @@ def test_the_world_waits_for_a_chain_of_turns_but_no_listener(scenario):
     assert turns["target"].depth() == 2
 
 
-def test_a_node_of_one_robot_names_its_topics_without_the_robot(scenario):
+def test_topics_of_a_robots_node_lack_its_name(scenario):
     robots = (RobotConfig("red"), RobotConfig("blue", start=StartConfig(y_m=2.0)))
     turns = turns_with(scenario, robots=robots, services=("physics", "controller"))
     each = {f"{robot}/{name}" for robot in ("red", "blue") for name in ("odometry", "controller")}

@@ -1,7 +1,6 @@
 """Places: walls, doors, tables and ramps become shapes, and occupancy maps become boxes."""
 
 import math
-import sys
 from io import BytesIO
 
 import numpy as np
@@ -202,12 +201,3 @@ def test_a_map_of_too_many_boxes_is_refused_with_the_remedy(tmp_path):
     picture = b"P5\n4096 4096\n255\n" + (even + even[::-1]) * 2048
     problem = error_of(ConfigError, lambda: read_map(map_of(tmp_path, picture)))
     assert f"its 8,388,608 occupied cells need more than {MAX_BOXES:,} boxes; remove" in problem
-
-
-def test_missing_libraries_are_named(tmp_path, monkeypatch):
-    path = map_of(tmp_path, ASCII)
-    for name in ("yaml", "PIL"):
-        monkeypatch.setitem(sys.modules, name, None)
-        problem = error_of(ConfigError, lambda: read_map(path))
-        assert problem.endswith("Pillow and PyYAML: pip install 'mecazen[maps]'")
-        monkeypatch.undo()

@@ -181,7 +181,7 @@ def test_each_case_has_its_own_name():
 
 
 @pytest.mark.parametrize("case", CASES, ids=name_of)
-def test_a_wrong_input_is_refused_with_its_pinned_line(case, tmp_path):
+def test_a_wrong_input_has_its_pinned_line(case, tmp_path):
     assert problem(tmp_path, *case) == json.loads(FILE.read_text())[name_of(case)]
 
 

@@ -93,7 +93,7 @@ def test_a_put_on_an_expression_that_includes_a_key_is_refused(zenoh_pair):
     assert zenoh_pair.near.refused == {"target/cmd_vel": 2}
 
 
-def test_a_service_is_heard_by_its_own_session_alone(open_bus):
+def test_a_service_is_heard_by_its_session(open_bus):
     ear, frames = open_bus(), []
     ear.subscribe(
         keys.ODOM,
@@ -154,7 +154,7 @@ def test_bytes_beyond_the_backlog_are_refused_until_there_is_room(zenoh_pair, fl
         assert near.refused["of/ones/own"] == total - len(kept)
 
 
-def test_a_robots_keys_are_in_its_namespace_which_others_do_not_hear(open_bus):
+def test_a_robots_keys_are_in_its_namespace_alone(open_bus):
     name = f"test{secrets.token_hex(6)}"
     root, two, stranger = (open_bus(namespace=n) for n in (name, f"{name}/two", f"{name}x"))
     speeds, names = [], []
@@ -215,7 +215,7 @@ def test_a_query_on_an_expression_reads_and_changes_nothing(ask):
     assert resets == [1]
 
 
-def test_empty_requests_mean_defaults_and_wrong_ones_are_errors(ask):
+def test_wrong_requests_are_errors_and_empty_ones_defaults(ask):
     bus, run = ask
     bus.serve(keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks)))
     for payload in (b"", b" \n", b"{}"):

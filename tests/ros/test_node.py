@@ -63,7 +63,7 @@ def node(router, raw_node):
     return raw_node(router)
 
 
-def test_a_topic_is_published_under_its_renamed_key_while_it_has_subscribers(host, node, name):
+def test_a_renamed_topic_is_published_while_subscribed(host, node, name):
     bus, _ = host("controller", "", "controller.odometry_key='wheels/odom'")
     listeners = bus.listeners(keys.ODOM)
     assert not listeners
@@ -83,7 +83,7 @@ def test_a_topic_is_published_under_its_renamed_key_while_it_has_subscribers(hos
     wait(bus, lambda: not listeners)
 
 
-def test_twists_of_both_types_come_on_a_renamed_key(host, node, name):
+def test_twists_of_both_types_come_on_renamed_keys(host, node, name):
     bus, commands = host("controller", "", "controller.command_key='drive'")
     slow, fast = Twist(Vector3(0.125)), Twist(Vector3(0.25))
     for sent, command in ((slow, slow), (TwistStamped(twist=fast), fast)):
