@@ -22,15 +22,6 @@ class Put(NamedTuple):
     attachment: bytes | None
 
 
-FUZZ = settings(
-    max_examples=120,
-    deadline=None,
-    derandomize=True,
-    database=None,
-    phases=[Phase.generate],  # with Phase.shrink a failure is shorter, and comes minutes later
-)
-"""Examples of up to 40 payloads each: thousands."""
-
 _EXTREME = [1e-320, -0.0, 10.0, 1e5, 1e6, -1e7, 1e155, 1e200, 1e308, -1e308, 1.797e308, -1.797e308]
 _HOSTILE: list[Any] = [None, True, "", "1", [], {}, [[]], [0.0] * 36, [1e308] * 36, [-1.0] * 36]
 _HOSTILE += [0, -1, 2**31, 2**32, -(2**31), 2**63, -(2**63), 10**30, *_EXTREME]
@@ -78,44 +69,41 @@ def _damage(draw: st.DrawFn, node: Any, *, extreme: bool) -> None:
         node = child
 
 
-NO_STAMP = st.none() | st.binary(max_size=24).filter(lambda data: len(data) not in (16, 20))
-"""Attachments that are no stamps."""
-
 _TIMES = st.sampled_from([0, 10_000_000, 2**31 * 10**9 - 1, 2**31 * 10**9, 2**63 - 1, -1])
 _RUNS = st.integers(0, 3) | st.integers(0, 2**31)
-FORGED = NO_STAMP | st.builds(
-    lambda *stamp: struct.pack("<qII", *stamp),
-    _TIMES | st.integers(0, 10**10) | st.integers(-(2**63), 2**63 - 1),
-    _RUNS,
-    st.integers(0, 2**32 - 1),
+ATTACHMENTS = (
+    st.none()
+    | st.binary(max_size=24).filter(lambda data: len(data) not in (16, 20))
+    | st.builds(
+        lambda *stamp: struct.pack("<qII", *stamp),
+        _TIMES | st.integers(0, 10**10) | st.integers(-(2**63), 2**63 - 1),
+        _RUNS,
+        st.integers(0, 2**32 - 1),
+    )
 )
-"""Those, and stamps of any tick of any run, of which the later half is never used."""
+"""No stamps, and stamps of any tick of any run, of which the later half is never used."""
 
 
-def puts(
-    good: Mapping[str, Sequence[Message]], attachments: st.SearchStrategy[bytes | None]
-) -> st.SearchStrategy[list[Put]]:
-    """Wrong payloads, and extreme but right ones, on the keys of `good`, made from its messages."""
-    one = st.sampled_from(sorted(good)).flatmap(
+def forged(good: Mapping[str, Sequence[Message]], max_examples: int = 120) -> Callable[[Any], Any]:
+    """Test with `wrong` payloads on the keys of `good`, with stamps of any tick and run.
+
+    The payloads are made from the messages of `good`; some are extreme but right. An example has up
+    to 40 of them.
+    """
+    put = st.sampled_from(sorted(good)).flatmap(
         lambda key: st.builds(
             Put,
             st.just(key),
             _payload(good[key]),
             st.sampled_from(["", "", JSON_ENCODING, CDR_ENCODING, "text/plain", "\x00"]),
-            attachments,
+            ATTACHMENTS,
         )
     )
-    return st.lists(one, min_size=15, max_size=40)
-
-
-def malformed(good: Mapping[str, Sequence[Message]]) -> Callable[[Any], Any]:
-    """Test with `wrong` payloads on the keys of `good`, none of them with a stamp."""
-    return lambda test: FUZZ(given(wrong=puts(good, NO_STAMP))(test))
-
-
-def forged(
-    good: Mapping[str, Sequence[Message]], max_examples: int = FUZZ.max_examples
-) -> Callable[[Any], Any]:
-    """Test with `wrong` payloads on the keys of `good`, with stamps of any tick and run."""
-    fuzz = settings(FUZZ, max_examples=max_examples)
-    return lambda test: fuzz(given(wrong=puts(good, FORGED))(test))
+    fuzz = settings(
+        max_examples=max_examples,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        phases=[Phase.generate],  # with Phase.shrink a failure is shorter, and comes minutes later
+    )
+    return lambda test: fuzz(given(wrong=st.lists(put, min_size=15, max_size=40))(test))

@@ -7,11 +7,10 @@ from xml.etree import ElementTree as ET
 import msgspec
 import pytest
 from harness import load_robot
-from mecazen import keys, urdf
-from mecazen.errors import BusError, ConfigError, RefusedError
-from mecazen.messages import Empty
+from mecazen import urdf
+from mecazen.errors import ConfigError, RefusedError
 from mecazen.robot import WHEEL_JOINTS, CameraMount, Payload, roller_joint
-from mecazen.urdf import RobotDescription, ask_description, build_urdf, serve_description
+from mecazen.urdf import build_urdf
 from msgspec.structs import replace
 from viewer.toy import URDF, stl
 
@@ -113,20 +112,6 @@ def test_a_robot_has_the_sensors_of_its_file():
     assert not [joint for joint in read.joints if joint.axis is None]
     with pytest.raises(ValueError, match="each frame must have its own name"):
         replace(robot, lidar=replace(robot.lidar, frame="base_link"))
-
-
-def test_each_robots_description_is_served(bus):
-    served = {
-        robot: RobotDescription(f"<robot {robot}>", {"meshes/wheel.stl": robot.encode()})
-        for robot in ("one", "two")
-    }
-    for robot, description in served.items():
-        serve_description(bus, robot, description)
-    assert {robot: ask_description(bus, robot, 1.0) for robot in served} == served
-    with pytest.raises(BusError, match=r"^robot_description: nobody answers"):
-        ask_description(bus, "", 1.0)
-    call = keys.call_of_robot(keys.ROBOT_DESCRIPTION, "two")
-    assert bus.call(call, Empty()).data == "<robot two>"
 
 
 def test_cylinders_take_the_place_of_meshes():

@@ -10,11 +10,8 @@ from hypothesis import strategies as st
 from mecazen import keys
 from mecazen.config import (
     ControllerConfig,
-    RobotConfig,
     Scenario,
-    SensorConfig,
     SimConfig,
-    StartConfig,
 )
 from mecazen.errors import ConfigError
 from mecazen.graph import Graph
@@ -27,6 +24,8 @@ from mecazen.wire import encode
 from toys import Toy, user_nodes
 
 A, B, D, E, L = (Topic(key, String, "", open=key in "de") for key in "abdel")
+EVERY, BOTH, DUE = (every(A),), (every(A), every(B)), (every(A), due(D))
+REVISED, BEFORE = (every(A), due(D, revises=True)), (every(A), due(D, before=True))
 LOCKSTEP, REAL_TIME = (SimConfig(mode=mode) for mode in ("lockstep", "real_time"))
 
 
@@ -41,18 +40,6 @@ def row(name, *inputs, gives=(), **rates):
     return Row(name, inputs=inputs, outputs=tuple(gives), rates=rates)
 
 
-@pytest.mark.parametrize("sim", [LOCKSTEP, REAL_TIME])
-def test_a_turn_follows_the_turns_that_it_waits_for(scenario, sim):
-    turns = turns_with(scenario, sim=sim, sensor=SensorConfig(kind="fused"))
-    order = list(turns)
-    assert order[0] == "clock"
-    for name, turn in turns.items():
-        for slot in turn.slots:
-            if slot.giver is not None and slot.rule != "latest":
-                comes_before = order.index(slot.giver.name) < order.index(name)
-                assert comes_before is not bool(slot.lag)
-
-
 def test_nodes_that_wait_for_each_other_are_refused(scenario):
     rows = row("first", every(CLOCK), latest(A), gives=[B]), row("second", every(B), gives=[A])
     assert {"first", "second"} <= turns_with(scenario, *rows, sim=REAL_TIME).keys()
@@ -61,14 +48,6 @@ def test_nodes_that_wait_for_each_other_are_refused(scenario):
         turns_with(scenario, *rows)
     with pytest.raises(ConfigError, match=r"^itself waits for itself: "):
         turns_with(scenario, row("itself", every(CLOCK), due(A), gives=[A]))
-
-
-def test_a_user_of_the_sample_before_precedes_its_giver(scenario):
-    giver = row("giver", every(A), gives=[B])
-    user = row("user", every(CLOCK), due(B, before=True), gives=[A])
-    for rows in ((giver, user), (user, giver)):
-        turns = list(turns_with(scenario, *rows))
-        assert turns.index("user") < turns.index("giver")
 
 
 def test_a_turn_comes_when_all_its_triggers_do(scenario):
@@ -94,22 +73,6 @@ def test_the_world_waits_for_a_chain_of_turns_but_no_listener(scenario):
     chain = ("clock", "physics", "odometry", "follower", "controller")
     assert [turns[name].depth() for name in chain] == [0, 1, 2, 3, 4]
     assert turns["target"].depth() == 2
-
-
-def test_topics_of_a_robots_node_lack_its_name(scenario):
-    robots = (RobotConfig("red"), RobotConfig("blue", start=StartConfig(y_m=2.0)))
-    turns = turns_with(scenario, robots=robots, services=("physics", "controller"))
-    each = {f"{robot}/{name}" for robot in ("red", "blue") for name in ("odometry", "controller")}
-    assert turns.keys() == {"clock", "physics", *each}
-    inputs = {slot.topic.key for slot in turns["physics"].slots}
-    assert {"red/joint_command", "blue/joint_command"} <= inputs
-    (states,) = turns["blue/odometry"].slots
-    assert (states.topic, states.on_bus.key) == (keys.JOINT_STATES, "blue/joint_states")
-    assert states.giver is turns["physics"]
-
-
-EVERY, BOTH, DUE = (every(A),), (every(A), every(B)), (every(A), due(D))
-REVISED, BEFORE = (every(A), due(D, revises=True)), (every(A), due(D, before=True))
 
 
 class Steps(Toy):

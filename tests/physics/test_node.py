@@ -10,8 +10,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 import pytest
 from harness import Rig, assert_sendable, error_of, load_robot
-from hostile import FORGED, FUZZ, NO_STAMP, puts
-from hypothesis import given, settings
+from hostile import forged
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import (
@@ -340,8 +339,7 @@ def assert_goes_on(rig: Rig) -> None:
         assert_sendable(sample)
 
 
-@settings(FUZZ, max_examples=40)
-@given(wrong=puts(GOOD, FORGED | NO_STAMP))
+@forged(GOOD, max_examples=40)
 def test_whatever_comes_on_its_keys_time_goes_on_in_finite_numbers(long_lived, wrong):
     for put in wrong:
         long_lived.bus.put_bytes(*put)

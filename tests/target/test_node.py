@@ -4,7 +4,7 @@ import math
 
 import pytest
 from harness import Rig, Steps, assert_sendable, load_robot
-from hostile import forged, malformed
+from hostile import forged
 from mecazen import keys
 from mecazen.config import Scenario, SensorConfig, SimConfig, TargetConfig
 from mecazen.config.people import Circle, Driven, Gait, Goal, Recorded, Standing, Straight
@@ -255,14 +255,6 @@ class OnBus(Rig):
 
 TRUTH = planar_odometry(Time(1), "world", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
 COMMAND = Twist.planar(Twist2D(0.1, 0.2, 0.3))
-
-
-@malformed({"ground_truth/odom": [TRUTH]})
-def test_malformed_payloads_change_nothing_for_the_run(wrong):
-    rig = OnBus()
-    rig.tick(0)
-    assert rig.put_wrong(wrong) == []
-    rig.assert_walks()
 
 
 @forged({"ground_truth/odom": [TRUTH], "target/cmd_vel": [COMMAND]})
