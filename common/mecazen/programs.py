@@ -311,7 +311,8 @@ def classes(service: str, scenario: Scenario) -> dict[str, Kind]:
         wanted: type = Observer if row.observes else Node
         if not issubclass(kinds[name], wanted):
             program = scenario.programs.get(name, name)
-            raise ConfigError(f"{program}: in the place of {name} there is a {wanted.__name__}")
+            kind = f"{wanted.__module__}.{wanted.__name__}"
+            raise ConfigError(f"{program}: in the place of {name} it must be a subclass of {kind}")
     return kinds
 
 

@@ -235,7 +235,9 @@ class DepthConfig(Section):
     def __post_init__(self) -> None:
         _check_range(self.min_range_m, self.max_range_m)
         if self.edge_probability > 0.5:
-            raise ValueError("edge_probability must be at most 0.5: as many pixels are invalid")
+            raise ValueError(
+                "edge_probability must be at most 0.5: an edge is invalid with the same probability"
+            )
 
 
 class ImuConfig(Section):
