@@ -1,17 +1,14 @@
 """Who drives: the choice among commands of the follower, of programs and of locks."""
 
-import pytest
 from harness import Steps, forward, load_robot
 from mecazen import messages as m
 from mecazen.config import ControllerConfig, Scenario
 from mecazen.config.services import Command
-from mecazen.errors import ConfigError
 from mecazen.keys import CMD_VEL, HAND_CMD_VEL, JOINT_STATES, command_topic, lock_topic
-from mecazen.programs import graph_of
 from mecazen.robot import WHEEL_JOINTS
 from mecazen_controller.node import ControllerNode
 
-JOY, PAUSE, STOP = Command("joy", 200, 0.1), Command("pause", 50, lock=True), Command("stop", 255)
+JOY, PAUSE = Command("joy", 200, 0.1), Command("pause", 50, lock=True)
 NODE, HAND, TOPIC = CMD_VEL, HAND_CMD_VEL, command_topic("joy")
 LOCK = lock_topic("pause")
 JOINTS = m.JointState(name=WHEEL_JOINTS, velocity=(0.0,) * 4)
@@ -61,17 +58,3 @@ def test_a_lock_with_a_timeout_must_be_refreshed():
     samples = (0, NODE, forward(1.0)), (1, LOCK, m.Bool())
     drives = drivers((Command("pause", 50, 0.1, lock=True),), *samples, ticks=(0, 1, 11, 12))
     assert drives == ["locked by pause", "follower", "follower", "locked by pause"]
-
-
-@pytest.mark.parametrize(
-    ("commands", "problem"),
-    [
-        ([JOY, JOY], "commands: each key at most once"),
-        ([Command("cmd_vel", lock=True)], "commands: cmd_vel has twists and can't be a lock"),
-        ([Command("odom")], "controller.commands: odom is the key of another topic: take another"),
-        ([Command("sim/reset")], "controller.commands: sim/reset is the key of another topic"),
-    ],
-)
-def test_keys_that_cannot_command_are_refused(commands, problem):
-    with pytest.raises((ConfigError, ValueError), match=problem):
-        graph_of(Scenario(robot=load_robot(), controller=ControllerConfig(commands=(*commands,))))

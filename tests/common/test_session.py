@@ -1,4 +1,4 @@
-"""Sessions of Zenoh: meeting points, refused endpoints, router limits, errors and free ports."""
+"""Sessions of Zenoh: meeting points, refused endpoints, router limits and errors."""
 
 import json
 import logging

@@ -60,8 +60,6 @@ def test_a_turn_comes_when_all_its_triggers_do(scenario):
     # samples of every 4th and of every 10th tick coincide every 20th
     assert (periods["follower"], periods["never"], periods["both"]) == (4, 0, 20)
     assert turns["odometry"].outputs[ODOM].period == 4
-    with pytest.raises(ConfigError, match=r"^controller.update_rate_hz = 30 must divide"):
-        turns_with(scenario, controller=ControllerConfig(update_rate_hz=30.0))
 
 
 def test_the_world_waits_for_a_chain_of_turns_but_no_listener(scenario):
