@@ -5,7 +5,7 @@ import re
 import msgspec
 import pytest
 from harness import Rig, load_robot
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen import keys
 from mecazen.config import (
@@ -166,6 +166,7 @@ def test_steps_without_a_due_sample_are_counted():
 PERIOD = st.integers(1, 4)
 
 
+@settings(max_examples=40)
 @given(
     triggers=st.integers(1, 3),
     step=PERIOD,
