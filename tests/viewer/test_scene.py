@@ -12,7 +12,7 @@ from mecazen.config.world import Patch, Ramp
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen.messages import ros_covariance
-from mecazen.skeleton import INDEX, JOINTS, LIMBS
+from mecazen.skeleton import JOINTS, LIMBS
 from mecazen_viewer import layout
 from msgspec.structs import replace
 from viewer.drawing import Drawing, following, odometry
@@ -21,6 +21,7 @@ from viewer_stage import COVARIANCE
 DETECTION = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), COVARIANCE)
 POINTS, STRIPS = "Points3D:positions", "LineStrips3D:strips"
 STRETCH = "Transform3D:mat3x3"
+BODY = tuple(m.Point(0.1 * number, 0.0, 1.0) for number in range(len(JOINTS)))
 
 
 @pytest.fixture
@@ -37,12 +38,6 @@ def test_view_and_odom_frame_follow_the_true_robot(drawing):
     assert content.pose(layout.ROBOT) == pytest.approx(truth, abs=1e-6)
     assert content.pose(layout.FOLLOW) == pytest.approx((2.0, 2.0, 0.0), abs=1e-6)
     assert content.pose(layout.ODOM).compose(drifted) == pytest.approx(truth, abs=1e-6)
-
-
-def test_a_robot_without_sensors_is_drawn(tmp_path):
-    blind = Drawing(tmp_path, Scenario(robot=replace(load_robot(), camera=None, lidar=None)))
-    blind.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
-    assert blind.end().pose(layout.ROBOT).x == pytest.approx(1.0)
 
 
 def test_added_obstacles_are_drawn_until_they_are_removed(drawing):
@@ -71,50 +66,12 @@ def test_observation_is_drawn_from_the_pose_at_its_capture(drawing):
     assert content.last(layout.OBSERVATION, POINTS)[0][:2] == pytest.approx((0.0, 1.2), abs=1e-6)
 
 
-@pytest.mark.parametrize("frame_id", ["world", "base_link"])
-def test_ellipse_contains_95_percent_and_turns_with_its_frame(drawing, frame_id):
-    spread = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1.0]])
-    pose = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), ros_covariance(spread.tolist()))
-    drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(yaw=math.pi / 2)))
-    drawing.put(keys.OBSERVATION, m.Observation(m.Header(frame_id=frame_id), (pose,)))
-    (columns,) = drawing.end().last(layout.OBSERVATION_ELLIPSE, STRETCH)
-    axes = columns.reshape(3, 3).T[:2, :2]
-    # squared Mahalanobis distances have two degrees of freedom: the 95 % quantile is 5.991
-    turned = spread[:2, :2]
-    if frame_id == "base_link":  # a quarter turn exchanges the axes and the sign of xy
-        turned = np.array([[0.09, -0.01], [-0.01, 0.04]])
-    assert axes @ axes.T == pytest.approx(5.991 * turned, abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    "spread",
-    [
-        np.zeros((3, 3)),
-        np.diag([1.0, 1.0, -1.0]),
-        np.diag([1e300, 1e300, 1e300]),
-        np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-    ],
-)
-def test_invalid_covariance_is_drawn_as_a_dot(drawing, spread):
-    pose = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), ros_covariance(spread.tolist()))
-    drawing.put(keys.OBSERVATION, m.Observation(m.Header(frame_id="world"), (pose,)))
-    (columns,) = drawing.end().last(layout.OBSERVATION_ELLIPSE, STRETCH)
-    assert np.abs(columns[:2]).max() < 0.01
-
-
 def test_observations_disappear_one_by_one(drawing):
     frame, nothing = m.Observation(m.Header(frame_id="world"), (DETECTION,)), m.Observation()
     for step, message in enumerate((frame, frame, nothing, nothing, nothing)):
         drawing.put(keys.OBSERVATION, message, 100 * step)
     counts = [len(points) for points in drawing.end().all(layout.OBSERVATION, POINTS)]
     assert counts == [1, 2, 1, 0, 0]
-
-
-def test_marks_are_drawn_with_their_first_place_only(drawing):
-    drawing.put(keys.TARGET_ODOM, odometry(Pose2D(3.0)))
-    drawing.put(keys.CMD_VEL, m.Twist(), 100)
-    marks = {f"{layout.ESTIMATE}/arrow", f"{layout.GOAL}/outline", f"{layout.PERSON}/arrow"}
-    assert drawing.end().paths & marks == {f"{layout.PERSON}/arrow"}
 
 
 def test_estimate_goal_and_ellipse_have_marks(drawing):
@@ -127,84 +84,9 @@ def test_estimate_goal_and_ellipse_have_marks(drawing):
     assert len(content.all(f"{layout.ESTIMATE_ELLIPSE}/outline", STRIPS)) == 1
 
 
-def test_grid_moves_only_when_the_robot_has_gone_far(drawing):
-    for step, x in enumerate((0.0, 1.0, 4.0, 12.0, 13.0)):
-        drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(x)), 100 * step)
-    assert len(drawing.end().all(layout.GROUND, STRIPS)) == 2
-
-
-def test_trail_has_five_points_a_second_of_the_last_minute(drawing):
-    for tick in range(1001):
-        drawing.put(keys.ODOM, odometry(Pose2D(tick / 100)), 100 * tick)
-    trails = drawing.end().all(f"{layout.TRAILS}/odometry", STRIPS)
-    assert len(trails) == 501
-    (trail,) = trails[-1]
-    assert len(trail) == 301
-    assert trail[0][:2] == pytest.approx((4.0, 0.0))
-
-
-def test_jump_starts_a_new_trail(drawing):
-    for step, x in enumerate((0.0, 0.5, 7.0)):
-        drawing.put(keys.ODOM, odometry(Pose2D(x)), 1000 * step)
-    (trail,) = drawing.end().last(f"{layout.TRAILS}/odometry", STRIPS)
-    assert [point[0] for point in trail] == [7.0]
-
-
-def walked(drawing: Drawing, period_ms: int) -> np.ndarray:
-    """The ends of limbs (N, limbs, 2, 3) of a person who walks along x at 0.8 m/s for 4 s."""
-    for ms in range(0, 4001, period_ms):
-        drawing.put(keys.TARGET_ODOM, odometry(Pose2D(0.8 * ms / 1e3), speed=0.8), ms)
-    return np.array(drawing.end().all(layout.BODY, STRIPS))
-
-
-def test_person_without_published_joints_walks(drawing):
-    limbs = walked(drawing, 40)
-    assert limbs.shape == (101, len(LIMBS) + 2, 2, 3)  # neck and shoulders
-    heights = limbs[-1, ..., 2]
-    assert heights.max() - heights.min() == pytest.approx(1.65, abs=0.1)  # sole to mid-head
-    shanks = [i for i, limb in enumerate(LIMBS) if limb.name.endswith("shank")]
-    assert JOINTS[INDEX[LIMBS[shanks[0]].end]].endswith("ankle")
-    for shank in shanks:
-        moved_m = np.diff(limbs[50:, shank, 1, 0])
-        # the ankle of a flat foot stands still; in swing it overtakes a body that moves by 3.2 cm
-        assert moved_m.min() < 1e-3
-        assert moved_m.max() > 2 * 0.8 * 0.04
-
-
-def test_low_frame_rate_shows_the_same_steps(tmp_path):
-    folders = [tmp_path / name for name in ("slow", "fast")]
-    for folder in folders:
-        folder.mkdir()
-    slow, fast = walked(Drawing(folders[0]), 320), walked(Drawing(folders[1]), 40)[::8]
-    assert slow == pytest.approx(fast[: len(slow)], abs=1e-6)  # single precision
-
-
-def test_published_joints_are_drawn_as_limbs(drawing):
-    joints = tuple(m.Point(0.1 * number, 0.0, 1.0) for number in range(len(JOINTS)))
-    drawing.put(keys.TARGET_SKELETON, m.Skeleton(joints=joints))
-    drawing.put(keys.TARGET_SKELETON, m.Skeleton(joints=joints[:1]), 100)
-    assert drawing.bus.refused == {"target/skeleton": 1}
-    assert len(drawing.end().last(layout.BODY, STRIPS)) == len(LIMBS) + 2
-
-
-def test_bones_are_drawn_between_joints_in_view(drawing):
-    joints = tuple(m.Point(0.1 * number, 0.0, 1.0) for number in range(len(JOINTS)))
-    drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
-    hidden = (0, *(2,) * (len(JOINTS) - 1))
-    for step, confidence in enumerate(((), hidden, (0,) * len(JOINTS), (1,))):
-        seen = m.Skeletons(skeletons=(m.Skeleton(joints=joints, confidence=confidence),))
-        drawing.put(keys.SKELETONS, seen, 100 * step)
-    assert drawing.bus.refused.total() == 1  # a confidence for one joint of 20
-    # a tree; the pelvis, which is out of view, has three neighbours
-    assert [len(bones) for bones in drawing.end().all(layout.SKELETON, STRIPS)] == [19, 16, 0]
-
-
 def test_pedestrians_are_drawn_unless_a_robot_follows_them(drawing):
     walker = m.Person("walker_1", m.Pose.planar(Pose2D(1.0, 2.0)), height=1.7)
-    far = m.Person("far", m.Pose.planar(Pose2D(1e9)), height=1.7)
     drawing.put(keys.PEOPLE, m.People(persons=(m.Person("target"), walker)))
-    drawing.put(keys.PEOPLE, m.People(persons=(far,)), 100)
-    assert drawing.bus.refused == {"people": 1}
     limbs = np.array(drawing.end().last(layout.PEOPLE, STRIPS))
     assert len(limbs) == len(LIMBS) + 2  # one body, with neck and shoulders
     # who stands does so round the place of their pose, with the head 1.6 m above it
@@ -228,15 +110,6 @@ def test_scan_is_drawn_from_the_lidar_within_its_range(drawing):
     assert points == pytest.approx(np.array([[x + 1.0, y, up], [x, y + 2.0, up]]), abs=1e-6)
 
 
-def test_depth_picture_of_wrong_size_or_encoding_is_refused(drawing):
-    pictures = ("16UC1", 12), ("rgb8", 12), ("16UC1", 11)
-    for step, (encoding, size) in enumerate(pictures):
-        image = m.Image(width=3, height=2, encoding=encoding, data=bytes(size))
-        drawing.put(keys.DEPTH, image, 100 * step)
-    assert drawing.bus.refused.total() == 2
-    assert len(drawing.end().all(layout.DEPTH, "DepthImage:buffer")) == 1
-
-
 def test_ramps_rails_and_patches_are_in_the_scene(tmp_path):
     ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, position_m=(3.0, 0.0), heading_deg=90.0)
     patch = Patch(size_m=(2.0, 1.0), position_m=(1.0, 1.0), friction=0.3)
@@ -252,8 +125,93 @@ def test_ramps_rails_and_patches_are_in_the_scene(tmp_path):
     assert len(content.last(f"{layout.OBSTACLES}/boxes", "Boxes3D:centers")) == 2  # rails
 
 
-def test_the_cameras_view_is_drawn_where_the_scenario_has_a_camera(tmp_path):
-    for name, expected in (("crowd", {layout.FRUSTUM}), ("back", set())):
-        drawing = Drawing(tmp_path, load_scenario(SCENARIOS / f"{name}.toml"))
-        drawing.put(keys.TARGET_ODOM, odometry(Pose2D()))
-        assert drawing.end().paths & {layout.FRUSTUM} == expected
+@pytest.mark.parametrize("frame_id", ["world", "base_link"])
+def test_ellipse_contains_95_percent_and_turns_with_its_frame(drawing, frame_id):
+    spread = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1.0]])
+    pose = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), ros_covariance(spread.tolist()))
+    drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(yaw=math.pi / 2)))
+    drawing.put(keys.OBSERVATION, m.Observation(m.Header(frame_id=frame_id), (pose,)))
+    (columns,) = drawing.end().last(layout.OBSERVATION_ELLIPSE, STRETCH)
+    axes = columns.reshape(3, 3).T[:2, :2]
+    # squared Mahalanobis distances have two degrees of freedom: the 95 % quantile is 5.991
+    turned = spread[:2, :2]
+    if frame_id == "base_link":  # a quarter turn exchanges the axes and the sign of xy
+        turned = np.array([[0.09, -0.01], [-0.01, 0.04]])
+    assert axes @ axes.T == pytest.approx(5.991 * turned, abs=1e-3)
+
+
+def test_trail_has_the_last_minute_and_restarts_at_a_jump(drawing):
+    for tick in range(1001):
+        drawing.put(keys.ODOM, odometry(Pose2D(tick / 100)), 100 * tick)
+    drawing.put(keys.ODOM, odometry(Pose2D(20.0)), 100_200)
+    *_, (trail,), (restarted,) = drawing.end().all(f"{layout.TRAILS}/odometry", STRIPS)
+    assert (trail[0][0], trail[-1][0]) == pytest.approx((4.0, 10.0))
+    assert [point[0] for point in restarted] == [20.0]
+
+
+def test_person_without_published_joints_walks(drawing):
+    for ms in range(0, 4001, 40):
+        drawing.put(keys.TARGET_ODOM, odometry(Pose2D(0.8 * ms / 1e3), speed=0.8), ms)
+    limbs = np.array(drawing.end().all(layout.BODY, STRIPS))
+    heights = limbs[-1, ..., 2]
+    assert heights.max() - heights.min() == pytest.approx(1.65, abs=0.1)  # sole to mid-head
+    for shank in [i for i, limb in enumerate(LIMBS) if limb.name.endswith("shank")]:
+        moved_m = np.diff(limbs[50:, shank, 1, 0])
+        # the ankle of a flat foot stands still; in swing it overtakes a body that moves by 3.2 cm
+        assert moved_m.min() < 1e-3
+        assert moved_m.max() > 2 * 0.8 * 0.04
+
+
+def test_published_joints_are_drawn_as_limbs_and_visible_ones_as_bones(drawing):
+    drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
+    drawing.put(keys.TARGET_SKELETON, m.Skeleton(joints=BODY))
+    hidden = (0, *(2,) * (len(JOINTS) - 1))
+    for step, confidence in enumerate(((), hidden, (0,) * len(JOINTS))):
+        seen = m.Skeletons(skeletons=(m.Skeleton(joints=BODY, confidence=confidence),))
+        drawing.put(keys.SKELETONS, seen, 100 * step)
+    content = drawing.end()
+    assert len(content.last(layout.BODY, STRIPS)) == len(LIMBS) + 2  # neck and shoulders
+    # a tree; the pelvis, which is out of view, has three neighbours
+    assert [len(bones) for bones in content.all(layout.SKELETON, STRIPS)] == [19, 16, 0]
+
+
+def image(encoding: str, size: int) -> m.Image:
+    return m.Image(width=3, height=2, encoding=encoding, data=bytes(size))
+
+
+@pytest.mark.parametrize(
+    ("topic", "wrong"),
+    [
+        (keys.GROUND_TRUTH, odometry(Pose2D(1e9))),
+        (keys.PEOPLE, m.People(persons=(m.Person("far", m.Pose.planar(Pose2D(1e9))),))),
+        (keys.TARGET_SKELETON, m.Skeleton(joints=BODY[:1])),
+        (keys.SKELETONS, m.Skeletons(skeletons=(m.Skeleton(joints=BODY, confidence=(1,)),))),
+        (keys.DEPTH, image("rgb8", 12)),
+        (keys.DEPTH, image("16UC1", 11)),
+    ],
+)
+def test_message_that_cannot_be_drawn_is_refused(drawing, topic, wrong):
+    drawing.put(keys.GROUND_TRUTH, odometry(Pose2D()))
+    drawing.put(keys.DEPTH, image("16UC1", 12))
+    drawing.put(topic, wrong, 100)
+    assert drawing.bus.refused == {topic.key: 1}
+    assert len(drawing.end().all(layout.DEPTH, "DepthImage:buffer")) == 1
+
+
+def test_invalid_covariance_is_drawn_as_a_dot(drawing):
+    spread = [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    pose = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), ros_covariance(spread))
+    drawing.put(keys.OBSERVATION, m.Observation(m.Header(frame_id="world"), (pose,)))
+    (columns,) = drawing.end().last(layout.OBSERVATION_ELLIPSE, STRETCH)
+    assert np.abs(columns[:2]).max() < 0.01
+
+
+def test_cameras_view_is_drawn_where_the_robot_has_a_camera(tmp_path):
+    drawing = Drawing(tmp_path, load_scenario(SCENARIOS / "crowd.toml"))
+    drawing.put(keys.TARGET_ODOM, odometry(Pose2D()))
+    assert layout.FRUSTUM in drawing.end().paths
+    blind = Drawing(tmp_path, Scenario(robot=replace(load_robot(), camera=None, lidar=None)))
+    blind.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
+    content = blind.end()
+    assert content.pose(layout.ROBOT).x == pytest.approx(1.0)
+    assert layout.FRUSTUM not in content.paths
