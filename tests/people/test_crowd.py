@@ -90,13 +90,6 @@ def test_a_goal_back_and_forth_is_walked_again_and_again():
     assert sum(b and not a for a, b in pairwise(far)) >= 2
 
 
-def test_an_errand_back_and_forth_passes_its_places_in_both_directions():
-    path = Goal(goal_m=(4.0, 0.0), via_m=((2.0, 1.0),), back_and_forth=True, x_m=1.0)
-    errand = errand_of(path)
-    assert errand.goals == ((2.0, 1.0), (4.0, 0.0), (2.0, 1.0), (1.0, 0.0))
-    assert errand.endless
-
-
 def test_a_body_turns_to_where_it_walks():
     places = walk([Errand(Pose2D(), ((0.0, 8.0),), False, 1.3)], 3.0)
     assert places[-1][0].yaw == pytest.approx(math.pi / 2, abs=0.1)  # a lag of 0.2 s, fluctuations
@@ -130,24 +123,6 @@ def test_repulsion_is_the_gradient_of_the_potential(velocity):
     assert force[0, 0] == pytest.approx(slope, rel=1e-6)  # of a central difference
 
 
-def test_what_is_behind_counts_by_half():
-    others, touching = np.array([[1.0, 0.0], [-1.0, 0.0]]), np.full((1, 2), -10.0)
-    force = forces.repulsion(HERE, AHEAD, others, np.zeros((2, 2)), touching)[0]
-    assert force[0, 0] < 0.0
-    assert force[1] == pytest.approx(-forces.BEHIND * force[0])
-
-
-def test_bodies_that_touch_are_pushed_apart_by_more_than_the_drive():
-    touching = np.array([[0.4]])
-    force = forces.repulsion(HERE, AHEAD, np.array([[0.4, 0.0]]), np.zeros((1, 2)), touching)
-    assert force[0, 0, 0] < -forces.CONTACT_M_S2
-
-
-def test_nobody_repels_themselves():
-    touching = np.array([[math.inf]])
-    assert not forces.repulsion(HERE, AHEAD, HERE, np.zeros((1, 2)), touching).any()
-
-
 @pytest.mark.parametrize(
     ("thing", "place", "away", "distance"),
     [
@@ -167,9 +142,3 @@ def test_the_nearest_point_of_an_obstacle(thing, place, away, distance):
     way, gap = forces.nearest(np.array([place]), forces.shapes_of([thing]))
     assert way[0] == pytest.approx(away)
     assert gap[0] == pytest.approx(distance)
-
-
-def test_an_obstacle_repels_by_its_potential():
-    wall = Box(size_m=(10.0, 1.0, 2.0), position_m=(0.0, 1.5))
-    force = forces.from_obstacles(HERE, forces.shapes_of([wall]))
-    assert force[0] == pytest.approx((0.0, -50.0 * math.exp(-1.0 / 0.2)))

@@ -1,12 +1,14 @@
 """Motion files: a body walks their recorded cycle."""
 
 import importlib.util
+import re
 import sys
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from harness import error_of
 from mecazen.config.people import Body, Recorded, Straight
 from mecazen.errors import ConfigError
 from mecazen.skeleton import SIDES
@@ -92,18 +94,6 @@ def test_a_pause_and_a_kick_before_a_recorded_walk_do_not_change_it(tmp_path):
     assert kicked.stance_shares == pytest.approx(walked.stance_shares, abs=0.02)
 
 
-def test_a_recorded_slow_march_is_walked_at_any_speed(tmp_path):
-    lift = np.sin(np.arange(0.0, 30.0, 0.01) / 4.0 * np.pi)  # a stride in 8 s
-    leg = np.stack([40 + 40 * lift, 50 + 45 * lift, 5 - 40 * lift])
-    write_mot(tmp_path / "march.mot", np.concatenate([leg, np.roll(leg, 400, axis=1)]).T)
-    walker = WalkingPerson(Body(motion_file=tmp_path / "march.mot"))
-    for speed in (0.1, 0.7, 2.0):
-        curves = np.degrees([walker.style.angles(0, speed, k / 100) for k in range(100)])
-        assert (np.ptp(curves, axis=0) < (85.0, 95.0, 85.0)).all()  # no more than it was
-        postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 6.0)
-        assert slip(postures) < 0.0005
-
-
 def write_c3d(file, points, labels, rate=100.0):
     """Write points (4, m, frames), of which the last numbers are residuals."""
     content = ezc3d.c3d()
@@ -111,25 +101,6 @@ def write_c3d(file, points, labels, rate=100.0):
     content["parameters"]["POINT"]["LABELS"]["value"] = labels
     content["data"]["points"] = points
     content.write(str(file))
-
-
-@needs_ezc3d
-def test_c3d_is_read_with_its_hidden_points(tmp_path):
-    points = np.zeros((4, 2, 5))
-    points[:3] = np.arange(30.0).reshape(3, 2, 5)
-    points[:3, 1, 3] = np.nan
-    write_c3d(tmp_path / "a.c3d", points, ["L0", "L1"])
-    motion = read(tmp_path / "a.c3d")
-    assert (motion.rate_hz, list(motion.values)) == (100.0, ["L0", "L1"])
-    for n, places in enumerate(motion.values.values()):
-        np.testing.assert_array_equal(places, points[:3, n].T)
-
-
-def test_without_ezc3d_a_c3d_file_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "ezc3d", None)
-    (tmp_path / "a.c3d").touch()
-    with pytest.raises(ConfigError, match=r"C3D needs ezc3d: pip install 'mecazen\[c3d\]'"):
-        read(tmp_path / "a.c3d")
 
 
 def test_recorded_walk_of_a_walker_is_that_walk(tmp_path):
@@ -158,20 +129,20 @@ def short_walk():
     return walk(person, Straight(speed_m_s=1.1, length_m=4.0, start_after_s=1.0), 6.0)
 
 
-FORMATS = [  # suffix, unit [m], axes of the file, prefix of names
-    ("trc", 1.0, (1, 2, 0), ""),
-    ("trc", 0.001, (0, 1, 2), "Sub01:"),
-    ("trc", 0.01, (2, 0, 1), "Q_"),
-    pytest.param("c3d", 0.001, (0, 1, 2), "A 1:", marks=needs_ezc3d),
-]
-
-
-@pytest.mark.parametrize(("suffix", "unit", "axes", "prefix"), FORMATS)
-def test_each_system_format_and_axis_gives_one_walk(
-    suffix, unit, axes, prefix, short_walk, tmp_path
+@pytest.mark.parametrize(
+    ("suffix", "unit", "axes", "prefix", "systems"),
+    [
+        ("trc", 1.0, (1, 2, 0), "", list(MARKERS)),
+        ("trc", 0.001, (0, 1, 2), "Sub01:", list(MARKERS)[:1]),
+        ("trc", 0.01, (2, 0, 1), "Q_", list(MARKERS)[-1:]),
+        pytest.param("c3d", 0.001, (0, 1, 2), "A 1:", list(MARKERS)[:1], marks=needs_ezc3d),
+    ],
+)
+def test_systems_formats_and_axes_give_one_walk(
+    suffix, unit, axes, prefix, systems, short_walk, tmp_path
 ):
-    for n, system in enumerate(MARKERS):
-        file = tmp_path / f"{n}.{suffix}"
+    for system in systems:
+        file = tmp_path / f"{systems.index(system)}.{suffix}"
         points = {f"{prefix}{name}": p for name, p in points_of(short_walk, system).items()}
         write(file, {f"{prefix}C7": next(iter(points.values())), **points}, unit, axes)
         body = Body(motion_file=file)
@@ -215,7 +186,14 @@ WRONG = {
         lambda points: {**points, "LKnee": points["LKnee"] * np.nan},
         "no point for the left knee",
     ),
+    "mirrored": (mapped(lambda p: p * [1, -1, 1]), "left and right are swapped, or an axis is"),
+    "no toe": (
+        lambda points: {**points, "LToe": points["LToe"] * 0.0},
+        "no point for the left toe",
+    ),
 }
+GAIT_ONLY = "mirrored", "no toe"
+"""What is wrong only for those who walk like the recording, not along its path."""
 
 
 @pytest.mark.parametrize("case", WRONG)
@@ -223,22 +201,11 @@ def test_wrong_motion_is_refused_in_one_line(case, short_walk, tmp_path):
     change, words = WRONG[case]
     file = tmp_path / "walk.trc"
     write(file, change(points_of(short_walk)))
-    for reader in (lambda: WalkingPerson(Body(motion_file=file)), lambda: read_pelvis(file)):
-        with pytest.raises(ConfigError, match=words) as error:
-            reader()
-        assert str(error.value).startswith(f"{file}: ")
-        assert "\n" not in str(error.value)
-
-
-def test_mirrored_and_hidden_feet_are_refused_as_gait(short_walk, tmp_path):
-    file, points = tmp_path / "walk.trc", points_of(short_walk)
-    for change, words in (
-        (mapped(lambda p: p * [1, -1, 1]), "left and right are swapped, or an axis is mirrored"),
-        (lambda points: {**points, "LToe": points["LToe"] * 0.0}, "no point for the left toe"),
-    ):
-        write(file, change(points))
-        with pytest.raises(ConfigError, match=words):
-            read_recording(file, SEGMENTS)
+    readers = [lambda: WalkingPerson(Body(motion_file=file)), lambda: read_pelvis(file)]
+    for reader in readers[: 1 if case in GAIT_ONLY else 2]:
+        error = error_of(ConfigError, reader)
+        assert error.startswith(f"{file}: ")
+        assert re.search(words, error)
 
 
 def test_a_person_gets_up_walks_and_sits_down(short_walk, tmp_path):
@@ -277,32 +244,27 @@ def test_recorded_people_are_walked_along_a_path(name, speed, period, most):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "told"),
+    ("name", "text", "words"),
     [
         ("a.fbx", "", "must end in one of .c3d, .mot, .trc"),
         ("a.trc", "", "no TRC file .it ends early"),
+        ("a.trc", "1\n2\n", "no TRC file"),
+        ("a.mot", "time\n", "no MOT file"),
         ("a.mot", f"{MOT}0.02 1 1\n", "a row has 3 instead of 8 numbers"),
         ("a.mot", f"{MOT}{ROW}", "its times must increase"),
-        (
-            "a.mot",
-            f"{MOT}.02{ROW[1:]}".replace("knee_angle_r", "x"),
-            "has no point for the left hip",
-        ),
-        (
-            "a.mot",
-            f"{MOT}.02{ROW[1:]}".replace("hip_flexion_l", "LHJC"),
-            "has no point for the left hip",
-        ),
-        pytest.param("a.c3d", "", "no C3D file", marks=needs_ezc3d),
+        ("a.mot", f"{MOT}.02{ROW[1:]}".replace("knee_angle_r", "x"), "no point for the left hip"),
         pytest.param("a.c3d", "time", "no C3D file", marks=needs_ezc3d),
-        ("a.mot", "time\n", "no MOT file"),
-        ("a.mot", "endheader\ntime x\n0 1\n.1 2\n", "has no point for the left"),
-        ("a.trc", "1\n2\n", "no TRC file"),
     ],
 )
-def test_bad_file_is_refused_in_one_line(tmp_path, name, text, told):
+def test_a_bad_file_is_refused_in_one_line(tmp_path, name, text, words):
     (tmp_path / name).write_text(text)
-    with pytest.raises(ConfigError, match=told) as error:
-        read_recording(tmp_path / name, SEGMENTS)
-    assert "\n" not in str(error.value)
-    assert name in str(error.value)
+    error = error_of(ConfigError, lambda: read_recording(tmp_path / name, SEGMENTS))
+    assert re.search(words, error)
+    assert name in error
+
+
+def test_without_ezc3d_a_c3d_file_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    (tmp_path / "a.c3d").touch()
+    with pytest.raises(ConfigError, match=r"C3D needs ezc3d: pip install 'mecazen\[c3d\]'"):
+        read(tmp_path / "a.c3d")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from harness import error_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen.config.people import Gait, Recorded
@@ -19,7 +20,6 @@ from mecazen_people.recorded import (
     MAX_YAW_RATE,
     STANDING_M_S,
     RecordedWalk,
-    limited_slopes,
     read_track,
 )
 from people.walks import differences
@@ -28,6 +28,8 @@ SMOOTHING_S = 0.8
 REPOSITORY = Path(__file__).parents[2]
 WALKS = REPOSITORY / "configs" / "walks"
 PEDESTRIANS = REPOSITORY.parent / "shared" / "data" / "pedestrians"
+FILES = [WALKS / "synthetic.csv", *sorted(PEDESTRIANS.glob("*.csv"))[:2]]
+"""The track of the project, and two of recorded pedestrians where they are present."""
 
 # Between two knots of the heading a monotone cubic is at most 1.5 times as steep as its secant.
 YAW_RATE_LIMIT = 1.5 * MAX_YAW_RATE
@@ -68,20 +70,6 @@ def test_steady_walk_is_a_steady_walk():
         assert distance == pytest.approx(t, abs=1e-9)
 
 
-def test_person_stands_at_the_ends_of_the_recording():
-    track = recorded([line(5.0 + 0.4 * k) for k in range(6)])
-    assert track.duration == pytest.approx(2.0)
-    for t, end in ((-1.0, 5.0), (9.0, 7.0)):
-        assert track.at(t).pose[:2] == pytest.approx(line(end)[1:])
-        assert track.at(t).twist == Twist2D()
-
-
-def test_gap_in_time_is_walked_evenly():
-    track = recorded([line(0.4 * k) for k in range(20) if not 5 <= k < 15])
-    assert track.at(4.0).pose[:2] == pytest.approx(line(4.0)[1:])
-    assert track.at(4.0).twist == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
-
-
 def test_heading_on_a_circle_is_the_tangent():
     radius, rate = 2.0, 0.5
     samples = [
@@ -105,15 +93,6 @@ def test_heading_is_held_while_the_person_stands_and_turns_as_they_set_off():
     assert {track.at(t).twist for t in (6.5, 7.0, 9.0, 11.0, 11.5)} == {Twist2D()}
     assert track.at(14.0).pose.yaw == pytest.approx(2.5, abs=0.01)
     assert track.at(14.0).twist.x == pytest.approx(1.0)
-
-
-def test_a_curve_rests_between_equal_points_and_never_overshoots():
-    knots, values = np.arange(6.0), np.array([0.0, 0.0, 1.0, 1.0, 3.0, 2.0])
-    slopes = limited_slopes(knots, values)
-    # by hand: secants 0, 1, 0, 2, -1; parabola 0.5, 0.5, 1, 0.5; at most 3 times the shorter secant
-    assert slopes == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.5, -1.0])
-    turned = limited_slopes(knots, np.stack((0.6 * values, 0.8 * values), axis=1))
-    assert turned == pytest.approx(np.stack((0.6 * slopes, 0.8 * slopes), axis=1))
 
 
 def test_jitter_of_a_standing_person_does_not_turn_them():
@@ -146,16 +125,7 @@ def test_any_track_has_a_continuous_heading_that_turns_only_in_walking(steps):
         assert after.distance >= before.distance - 1e-3  # cubics across a jump of speed
 
 
-def pedestrians() -> list[object]:
-    files = sorted(PEDESTRIANS.glob("*.csv"))
-    missing = pytest.mark.skip(reason=f"no recorded pedestrians in {PEDESTRIANS}")
-    shipped = [pytest.param(WALKS / "synthetic.csv", id="synthetic")]
-    if not files:
-        return [*shipped, pytest.param(PEDESTRIANS, id="pedestrians", marks=missing)]
-    return [*shipped, *(pytest.param(file, id=file.stem) for file in files)]
-
-
-@pytest.mark.parametrize("file", pedestrians())
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_recorded_person_moves_as_people_do(file):
     samples = read_track(file)
     track = RecordedWalk(samples, SMOOTHING_S)
@@ -164,8 +134,7 @@ def test_recorded_person_moves_as_people_do(file):
     # The samples of tracked people are good to about a decimetre, and jump by five.
     assert max(off) < 0.25
     assert math.sqrt(sum(d * d for d in off) / len(off)) < 0.06
-    assert off[0] < 1e-9
-    assert off[-1] < 1e-9
+    assert max(off[0], off[-1]) < 1e-9
     sideways = 0.0
     for t in every(track):
         motion = track.at(t)
@@ -177,27 +146,13 @@ def test_recorded_person_moves_as_people_do(file):
         sideways += abs(motion.twist.y) * 0.01
     # While they turn to set off, and where they shuffle: below 0.2 m/s the heading is held.
     assert sideways < 0.1 * track.at(track.duration).distance
-
-
-@pytest.mark.parametrize("file", pedestrians())
-@pytest.mark.parametrize("gait", [None, Gait()], ids=["plain", "gait"])
-def test_recorded_twist_is_the_derivative_of_the_pose(file, gait):
     path, dt = make_path(Recorded(file=file, x_m=1.0, yaw_deg=40.0, start_after_s=2.0)), 1e-5
     for k in range(300):
-        now, measured, _ = differences(
-            path, gait, 2.0 + (k + 0.5) / 300 * (path.duration - 2.0), dt
-        )
+        t = 2.0 + (k + 0.5) / 300 * (path.duration - 2.0)
+        now, measured, _ = differences(path, Gait(), t, dt)
         # Acceleration jumps at samples, yaw acceleration (up to 1000 rad/s²) at knots: at
         # worst one of them lies within dt.
         assert now.twist == pytest.approx(measured, abs=1e-2)
-
-
-def test_recorded_track_begins_at_the_start_pose():
-    path = make_path(Recorded(file=WALKS / "synthetic.csv", x_m=3.0, y_m=1.0, yaw_deg=90.0))
-    assert path.at(0.0).pose == pytest.approx((3.0, 1.0, math.pi / 2), abs=1e-9)
-    # 9 s at 0.8 m/s along a line, after 1.6 s of speeding up at 0.5 m/s².
-    assert path.at(9.0).pose == pytest.approx((3.0, 1.0 + 0.64 + 7.4 * 0.8, math.pi / 2), abs=0.01)
-    assert path.duration == 60.0
 
 
 def test_synthetic_walk_is_what_its_readme_makes():
@@ -207,22 +162,13 @@ def test_synthetic_walk_is_what_its_readme_makes():
     assert printed.getvalue() == (WALKS / "synthetic.csv").read_text()
 
 
-def test_table_is_read_with_more_columns_in_any_order(tmp_path):
-    file = tmp_path / "walk.csv"
-    file.write_bytes(b"\xef\xbb\xbfid,y_m,t_s,x_m\r\n7,2,0.5,1\r\n\r\n7,3,1e0,-1\r\n")
-    assert read_track(file).tolist() == [[0.5, 1.0, 2.0], [1.0, -1.0, 3.0]]
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "line 1: must name the columns t_s,x_m,y_m; t_s,x_m,y_m missing"),
-        ("t_s,x_m\n0,0\n1,1\n", "line 1: must name the columns t_s,x_m,y_m; y_m missing"),
         ("t_s,x_m,y_m\n0,0,0\n", "must have at least 2 rows below its header, has 1"),
         ("t_s,x_m,y_m\n0,0,0\n1,a,0\n", "line 3: x_m must be a number .* is 'a'"),
-        ("t_s,x_m,y_m\n0,0,0\n1,0\n", "line 3: y_m must be a number .* is ''"),
         ("t_s,x_m,y_m\n0,0,0\n1,nan,0\n", "line 3: x_m must be a number .* is 'nan'"),
-        ("t_s,x_m,y_m\n0,0,0\n1,0,-inf\n", "line 3: y_m must be a number .* is '-inf'"),
         (
             "t_s,x_m,y_m\n0,0,0\n2,0,0\n2,1,0\n",
             "line 4: t_s must grow by at least 0.001 s, 2 follows 2",
@@ -234,7 +180,6 @@ def test_table_is_read_with_more_columns_in_any_order(tmp_path):
 def test_malformed_table_is_refused_in_one_line(tmp_path, text, message):
     file = tmp_path / "walk.csv"
     file.write_text(text)
-    with pytest.raises(ConfigError, match=message) as caught:
-        read_track(file)
-    assert str(caught.value).startswith(f"{file}: ")
-    assert "\n" not in str(caught.value)
+    error = error_of(ConfigError, lambda: read_track(file))
+    assert error.startswith(f"{file}: ")
+    assert re.search(message, error)

@@ -3,30 +3,23 @@
 import math
 import random
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from mecazen.config.people import (
     Body,
-    Circle,
     Limp,
     Shuffle,
-    Standing,
     StiffKnee,
     Straight,
     UTrack,
 )
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.skeleton import INDEX, LIMBS, PARENTS, SIDES
+from mecazen.skeleton import INDEX, LIMBS, SIDES
 from mecazen_people.body.gait import normal_gait
 from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.motion import PersonMotion
 from people.walks import SETTLED_S, angles, curve_errors, drive, joint, slip, walk
-
-SPEEDS = (0.4, 0.8, 1.3, 1.6)
-MOCAP = Path(__file__).parents[2].parent / "shared" / "data" / "mocap"
-
 
 # Means of adults at a natural speed: percent of the cycle, degrees, and standard deviation
 # (Perry & Burnfield 2010, Winter 2009, Kadaba et al. 1990). At 55 % the knee's is left out: with
@@ -44,17 +37,18 @@ def walker():
     return WalkingPerson(Body())
 
 
-@pytest.mark.parametrize("speed", [0.2, *SPEEDS])
-def test_standing_feet_do_not_skate_on_a_straight_walk(walker, speed):
-    postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 15.0)
+@pytest.mark.parametrize(
+    ("path", "seconds"),
+    [
+        (Straight(speed_m_s=0.2, length_m=100.0), 15.0),
+        (Straight(speed_m_s=1.6, length_m=100.0), 15.0),
+        (UTrack(length_m=1.0), 42.0),
+    ],
+)
+def test_standing_feet_do_not_skate(walker, path, seconds):
     # 5 mm from heel strike to toe-off is what is asked for; by construction it is rounding, plus
     # what a point slides while the foot tilts by less than 5 mm at its other end: 0.1 mm
-    assert slip(postures) < 0.0005
-
-
-def test_standing_feet_do_not_skate_on_arcs(walker):
-    assert slip(walk(walker, UTrack(length_m=1.0), 42.0)) < 0.0005  # 20 mm are asked for
-    assert slip(walk(walker, Circle(speed_m_s=0.8, radius_m=2.0), 15.0)) < 0.0005
+    assert slip(walk(walker, path, seconds)) < 0.0005
 
 
 def test_standing_foot_touches_the_ground_and_nothing_is_below_it(walker):
@@ -69,42 +63,21 @@ def test_standing_foot_touches_the_ground_and_nothing_is_below_it(walker):
                 assert min(ends) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_swinging_foot_clears_the_ground(walker):
-    for speed in SPEEDS:
-        postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 10.0)[600:]
-        for side, name in enumerate(SIDES):
-            lowest = [
-                min(p.joints[INDEX[f"{name}_heel"], 2], p.joints[INDEX[f"{name}_foot"], 2])
-                for p in postures
-                if 0.8 < p.phases[side] < 0.85
-            ]
-            # toes of adults pass 10 to 20 mm above the ground; here the soles do by 5 and more
-            assert min(lowest) > 0.005
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_no_joint_ever_jumps(walker, seed):
-    rng = random.Random(seed)
+def test_joints_never_jump_and_limbs_keep_their_lengths(walker):
+    rng, dt = random.Random(0), 0.001
     legs = [
         (rng.uniform(0.1, 2.0), rng.uniform(-0.5, 1.4), rng.uniform(-0.4, 0.4), rng.uniform(-1, 1))
         for _ in range(8)
     ]
-    dt = 0.001
     postures = drive(walker, *legs, (3, 0, 0, 0), dt=dt)
     steps = np.diff([p.joints for p in postures], axis=0)
     # Twists jump here as no person's do. A swinging foot is 3.5 times as fast as the body, more
     # where it makes up for a jump; at 1 kHz a jump of 15 mm would be seen.
     assert np.linalg.norm(steps, axis=2).max() / dt < 15.0
-
-
-def test_limbs_keep_their_lengths(walker):
-    postures = drive(walker, (2, 1.3, 0, 0.4), (2, -0.3, 0.3, 0), (2, 0, 0, 1.5), (2, 0, 0, 0))
-    pairs = [(name, parent) for name, parent in PARENTS.items() if parent is not None]
-    pairs += [(limb.begin, limb.end) for limb in LIMBS if limb.begin != limb.end]
-    for a, b in pairs:
-        lengths = np.linalg.norm(joint(postures, a) - joint(postures, b), axis=1)
+    for limb in LIMBS:
+        ends = joint(postures, limb.begin) - joint(postures, limb.end)
         # shoulders turn about the neck, and are no limb's end there
-        assert np.ptp(lengths) < 1e-9, (a, b)
+        assert np.ptp(np.linalg.norm(ends, axis=1)) < 1e-9, limb.name
 
 
 def test_segments_are_shares_of_the_height():
@@ -119,18 +92,12 @@ def test_segments_are_shares_of_the_height():
     assert at["head"][2] == pytest.approx(0.935 * 2.0, abs=0.004)
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", [0.4, 1.6])
 def test_stride_length_times_cadence_is_the_speed(walker, speed):
-    postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 14.0)
-    strikes = [
-        k
-        for k in range(round(SETTLED_S / 0.01), len(postures))
-        if postures[k].standing[0] and not postures[k - 1].standing[0]
-    ]
-    heel = joint(postures, "left_heel")[:, 0]
-    strides = len(strikes) - 1
-    length = (heel[strikes[-1]] - heel[strikes[0]]) / strides
-    period = (strikes[-1] - strikes[0]) * 0.01 / strides
+    falls = footfalls(walk(walker, Straight(speed_m_s=speed, length_m=100.0), 14.0))
+    times, _, places = zip(*(fall for fall in falls if fall[1] == 0), strict=True)
+    strides = len(times) - 1
+    length, period = (places[-1] - places[0]) / strides, (times[-1] - times[0]) / strides
     # strikes are seen to 10 ms of 4 strides and more
     assert length / period == pytest.approx(speed, rel=0.005)
     # twice the step length of the walk ratio (Sekiya & Nagasaki 1998); linear between solved speeds
@@ -148,18 +115,6 @@ def test_pelvis_oscillates_about_the_path(walker):
     assert 0.02 < np.ptp(pelvis[:, 2]) < 0.05  # the centre of mass of adults: about 40 mm
 
 
-def test_arms_swing_against_the_legs(walker):
-    postures = walk(walker, Straight(speed_m_s=1.3, length_m=100.0), 12.0)[600:]
-    shoulder, wrist = joint(postures, "left_shoulder"), joint(postures, "left_wrist")
-    arm, own, other = (
-        wrist[:, 0] - shoulder[:, 0],
-        joint(postures, "left_ankle")[:, 0] - shoulder[:, 0],
-        joint(postures, "right_ankle")[:, 0] - shoulder[:, 0],
-    )
-    assert np.corrcoef(arm, own)[0, 1] < -0.9
-    assert np.corrcoef(arm, other)[0, 1] > 0.9
-
-
 def test_person_who_stops_stands_on_both_feet(walker):
     for twist in ((1.3, 0, 0), (-0.4, 0, 0), (0, 0.4, 0), (0, 0, 1.5), (0.8, 0, 0.4)):
         *_, before, last = drive(walker, (3.3, *twist), (4, 0, 0, 0))
@@ -169,15 +124,6 @@ def test_person_who_stops_stands_on_both_feet(walker):
         assert math.dist(feet[:2], last.joints[INDEX["pelvis"]][:2]) < 0.03  # counts as home
 
 
-def test_standing_person_stands_and_slow_drift_is_followed(walker):
-    first, *_, last = walk(walker, Standing(x_m=1.0), 5.0)
-    assert np.array_equal(first.joints, last.joints)
-    # 5 mm/s counts as standing: steps are made once the feet are too far off
-    drifted = drive(walker, (60, 0.005, 0, 0))
-    ankles = (joint(drifted, "left_ankle") + joint(drifted, "right_ankle")) / 2
-    assert np.abs(ankles[:, 0] - joint(drifted, "pelvis")[:, 0]).max() < 0.12
-
-
 def test_person_who_turns_on_the_spot_steps_around(walker):
     postures = drive(walker, (math.pi, 0, 0, 1.0), (3, 0, 0, 0))
     last = postures[-1]
@@ -185,23 +131,6 @@ def test_person_who_turns_on_the_spot_steps_around(walker):
     assert across[1] < -0.09  # the left foot is now on the right side
     assert abs(across[0]) < 0.02
     assert slip(postures) < 0.0005
-
-
-def test_phases_begin_at_heel_strike(walker):
-    postures = walk(walker, Straight(speed_m_s=1.0, length_m=100.0), 10.0)
-    for before, now in pairwise(postures[600:]):
-        for side in (0, 1):
-            assert 0.0 <= now.phases[side] < 1.0
-            struck = now.standing[side] and not before.standing[side]
-            assert struck == (now.phases[side] < before.phases[side])
-
-
-def test_same_motion_gives_the_same_bits():
-    legs = ((2, 1.3, 0, 0.4), (2, -0.3, 0.3, 0), (2, 0, 0, 0))
-    first, second = WalkingPerson(Body()), WalkingPerson(Body())
-    drive(second, (1, 0.5, 0.1, 0))  # a reset forgets this
-    bits = [b"".join(p.joints.tobytes() for p in drive(w, *legs)) for w in (first, second)]
-    assert bits[0] == bits[1]
 
 
 def test_strides_vary_as_much_as_they_should_and_standing_feet_still_do_not_skate():
@@ -224,8 +153,8 @@ def test_the_seed_draws_the_strides_and_without_variation_changes_no_bit():
     def bits(cv, *seed):
         walker = WalkingPerson(Body(stride_cv=cv))
         walker.reset(PersonMotion(Pose2D()), *seed)
-        path = [PersonMotion(Pose2D(x=0.012 * k), Twist2D(x=1.2)) for k in range(1, 500)]
-        return b"".join(walker.step(one, 0.01).joints.tobytes() for one in path)
+        path = [PersonMotion(Pose2D(x=0.012 * k), Twist2D(x=1.2)) for k in range(1, 250)]
+        return b"".join(walker.step(motion, 0.01).joints.tobytes() for motion in path)
 
     assert bits(0.0, 1) == bits(0.0, 2) == bits(0.0)
     assert bits(0.02, 1) == bits(0.02, 1) != bits(0.02, 2)
@@ -237,7 +166,7 @@ def test_angles_are_those_taken_from_the_joint_centres(walker):
         assert np.array(posture.angles) == pytest.approx(angles(posture), abs=1e-7)
 
 
-@pytest.mark.parametrize("speed", [0.4, 0.5, 0.8, 1.3, 1.6])  # solved: 0.2, 0.4, ...
+@pytest.mark.parametrize("speed", [0.5, 1.3])  # solved: 0.2, 0.4, ...
 def test_angles_are_within_two_degrees_of_the_curves(walker, speed):
     postures = walk(walker, Straight(speed_m_s=speed, length_m=100.0), 16.0)[600:]
     rms = np.sqrt((curve_errors(walker, postures, speed) ** 2).mean(axis=0))

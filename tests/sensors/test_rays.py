@@ -9,7 +9,7 @@ from mecazen.config import WorldConfig
 from mecazen.config.sensors import DepthConfig, LidarConfig, TrackerConfig
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
-from mecazen.messages import Image, LaserScan, Time
+from mecazen.messages import LaserScan, Time
 from mecazen.robot import WHEELS, CameraMount, LidarMount
 from mecazen.skeleton import INDEX, LIMBS
 from mecazen.wire import decode, encode
@@ -89,8 +89,7 @@ def analytic_distances(origins, directions, world, people, robot, pose):
     return np.min(distances, axis=0)
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("level", [False, True])
+@pytest.mark.parametrize(("seed", "level"), [(0, False), (1, True)])
 def test_distances_are_those_of_an_independent_implementation(seed, level):
     random = np.random.default_rng(seed)
     world = random_world(random)
@@ -120,13 +119,6 @@ def test_distances_are_those_of_an_independent_implementation(seed, level):
     assert np.max(np.abs(distances[seen] - exact[seen])) < EXACT_M
 
 
-def test_nothing_is_hit_beyond_the_range():
-    scene, ray, origin = room(wall(4.0)), np.array([[1.0, 0.0, 0.0]]), np.array((0.0, 0.0, 0.5))
-    assert scene.cast(origin, ray, max_range=4.01)[0][0] == pytest.approx(4.0, abs=EXACT_M)
-    distances, hits = scene.cast(origin, ray, max_range=3.99)
-    assert (distances[0], hits[0]) == (math.inf, -1)
-
-
 def test_a_robot_is_seen_by_others_only():
     scene = RayScene(WorldConfig(), [NEXUS, NEXUS], people=0)
     scene.place_robot(0, Pose2D(1.0, 2.0, 0.3))
@@ -135,19 +127,6 @@ def test_a_robot_is_seen_by_others_only():
     origin = np.array((1.0, 2.0, 0.1))
     assert np.all(np.isinf(scene.cast(origin, rays, robot=0, level=True)[0]))
     assert np.all(np.isfinite(scene.cast(origin, rays, robot=1, level=True)[0]))
-
-
-def test_a_person_is_absent_unless_placed():
-    scene, ray = room(people=1), np.array([[1.0, 0.0, 0.0]])
-    distances = []
-    for change in (
-        lambda: None,
-        lambda: scene.place_person(0, body(pose=(2.0, 0.0, 0.0)), HEIGHT),
-        lambda: scene.remove_person(0),
-    ):
-        change()
-        distances.append(float(scene.cast(np.array((0.0, 0.0, 1.2)), ray)[0][0]))
-    assert distances == [math.inf, pytest.approx(2.0, abs=0.2), math.inf]
 
 
 def scan(scene, pose=Pose2D(), seed=0, **settings):  # noqa: B008
@@ -165,24 +144,16 @@ def test_a_wall_is_where_its_beams_end():
     assert np.all(ranges[~hit] == result.range_max + 1.0)
 
 
-def test_an_object_that_is_too_near_is_not_0():
+def test_ranges_outside_the_limits_are_told_from_no_measurement():
     near = Cylinder(size_m=(0.02, 1.0), position_m=(-0.13, 0.05))
-    result = scan(room(near), **NO_NOISE)
-    assert 0.0 < result.ranges[540] < result.range_min  # 0 would be no measurement
+    result = scan(room(near, wall(7.0)), fov_deg=250.0, max_range_m=7.3, **NO_NOISE)
+    ranges = np.array(result.ranges)
+    assert 0.0 < ranges.min() < result.range_min  # 0 would be no measurement
+    assert ranges.max() == pytest.approx(8.3)
     assert decode(encode(result), LaserScan) == result
-
-
-def test_numbers_are_exact_in_the_32_bits_of_ros():
-    result = scan(room(wall(3.0)), max_range_m=7.3, fov_deg=250.0)
-    numbers = np.array([v for v in msgspec.structs.astuple(result)[1:-2] if isinstance(v, float)])
-    for values in (numbers, np.array(result.ranges)):
+    numbers = [v for v in msgspec.structs.astuple(result)[1:-2] if isinstance(v, float)]
+    for values in (np.array(numbers), ranges):  # exact in ROS's 32 bits
         assert np.array_equal(values.astype(np.float32).astype(np.float64), values)
-
-
-def test_a_narrow_field_has_beams_on_both_edges():
-    result = scan(room(wall(3.0)), fov_deg=90.0, beams=91, **NO_NOISE)
-    assert (result.angle_min, result.angle_max) == pytest.approx((-math.pi / 4, math.pi / 4))
-    assert result.ranges[45] == pytest.approx(3.13, abs=STEP_M)
 
 
 def test_legs_are_seen_and_low_objects_are_not():
@@ -211,15 +182,6 @@ def test_noise_is_white_and_dropouts_have_their_share():
     white = np.where(lost, 0.0, ranges - exact[seen])
     correlation = np.mean(white[1:] * white[:-1]) / std**2
     assert correlation == pytest.approx(0.0, abs=4 / math.sqrt(count))
-
-
-def test_noise_depends_on_the_seed_alone():
-    first, second = (Lidar(LidarConfig(), LIDAR, 8) for _ in range(2))
-    first.scan(room(wall(3.0)), Pose2D(), Time())
-    second.scan(room(), Pose2D(), Time())
-    scene = room(wall(2.0))
-    assert first.scan(scene, Pose2D(), Time()) == second.scan(scene, Pose2D(), Time())
-    assert scan(scene, seed=1) != scan(scene, seed=2)
 
 
 def test_an_occluded_lidar_measures_nothing():
@@ -268,11 +230,6 @@ def test_pan_and_tilt_turn_the_view():
     assert inside.tolist() == [True, False, False]
 
 
-def test_a_robot_sees_shoulders_and_feet_as_documented():
-    shoulder_m = 0.818 * HEIGHT  # Winter, after Drillis & Contini
-    assert sees(NEXUS.camera, (1.0, 0.0, shoulder_m), (1.5, 0.0, 0.0)) == [True, True]
-
-
 def pixels(image):
     assert image.step * image.height == len(image.data)
     return np.frombuffer(image.data, "<u2").reshape(image.height, image.width).astype(float)
@@ -302,7 +259,6 @@ def test_pixels_without_a_hit_in_range_are_0():
     depths = picture(room(to_the_left), mounted(x=0.1, z=1.9), **SHARP)
     assert np.all(np.abs(depths[:100, :160] - 2000.0) <= HALF_MM)
     assert np.all(depths[:100, 160:] == 0.0)
-    assert np.all(picture(room(), mounted(), max_range_m=0.6, **SHARP) == 0.0)
 
 
 @pytest.mark.parametrize("distance", [1.0, 2.0])
@@ -328,12 +284,3 @@ def test_pixels_at_edges_are_lost_or_between_depths():
         count = np.sum(changed) / 2
         assert np.sum(part) == pytest.approx(count, abs=4 * math.sqrt(count))
     assert np.all((depths[flying] < exact[flying]) & (depths[flying] > 1000.0))
-
-
-def test_an_image_repeats_with_its_seed_and_survives_encoding():
-    image, repeated = (
-        DepthCamera(DepthConfig(), mounted(), 3).picture(room(wall(3.0)), Pose2D(), Time())
-        for _ in range(2)
-    )
-    assert image == repeated
-    assert decode(encode(image), Image) == image

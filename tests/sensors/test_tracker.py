@@ -100,17 +100,6 @@ def test_a_hidden_knee_is_drawn_to_the_other():
     assert reported[left_knee] == pytest.approx(joints[left_knee], abs=1e-3)
 
 
-def test_a_hidden_knee_lags():
-    lag_s = 0.1
-    watch = Watch(seen_from(SIDE), **{**EXACT, "hidden_lag_s": lag_s})
-    knee, begin, end = INDEX["right_knee"], body(), body((0.0, math.radians(8.0)))
-    watch.frame(begin)
-    for frame in range(1, 5):
-        left = math.exp(-frame * FRAME_S / lag_s)
-        expected = end[knee] - end[0] + left * (begin[knee] - begin[0] - end[knee] + end[0])
-        assert watch.joints(end)[knee] - end[0] == pytest.approx(expected, abs=1e-3)
-
-
 def test_a_person_is_reported_if_the_pelvis_is_visible():
     known = Watch(seen_from(FRONT, 0.9), **EXACT).confidence(body())
     assert (known["head"], known["pelvis"]) == (0, SEEN)
@@ -239,16 +228,6 @@ def test_left_and_right_are_confused_for_a_share(settings, enter, leave_s, joint
     error = math.sqrt(expected * (1.0 - expected) / independent)
     assert share(view) == pytest.approx(expected, abs=4 * error)
     assert share(never) == 0.0
-
-
-def test_errors_depend_on_the_seed_and_not_on_visibility():
-    def last(seed, first):
-        watch = Watch(seen_from(FRONT), seed=seed)
-        watch.frame(body(pose=first))
-        return watch.frame(body()).skeletons[0].joints
-
-    assert last(3, (0.0, 0.0, 0.0)) == last(3, (9.0, 0.0, 0.0))
-    assert last(3, (0.0, 0.0, 0.0)) != last(4, (0.0, 0.0, 0.0))
 
 
 def sagittal(joints):

@@ -1,13 +1,14 @@
 """The target: the person's truth at every tick, what the sensor saw, and payloads on the bus."""
 
 import math
+from pathlib import Path
 
 import pytest
 from harness import Rig, Steps, assert_sendable, load_robot
 from hostile import forged
 from mecazen import keys
-from mecazen.config import Scenario, SensorConfig, SimConfig, TargetConfig
-from mecazen.config.people import Circle, Driven, Gait, Goal, Recorded, Standing, Straight
+from mecazen.config import Scenario, SensorConfig, SensorFaults, SimConfig, TargetConfig
+from mecazen.config.people import Circle, Driven, Gait, Goal, Reactive, Recorded, Standing, Straight
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import People, Person, Pose, Time, Twist, diagonal_covariance, planar_odometry
@@ -85,11 +86,6 @@ def test_a_frame_shows_the_person_in_base_link_or_in_world_with_the_covariance_o
     assert noisy[keys.OBSERVATION].poses[0].covariance == pytest.approx(covariance)
 
 
-def test_a_frame_in_which_nothing_was_seen_is_sent_empty():
-    target = Target(STANDING, occlusions_s=((0.04, 0.08),))
-    assert [target.seen(tick) is None for tick in (0, 4, 8)] == [False, True, False]
-
-
 def test_a_late_frame_is_stamped_with_its_capture_and_shows_the_poses_of_then():
     target = Target(Straight(speed_m_s=1.0), latency_s=0.03)
     frames = {}
@@ -113,19 +109,6 @@ def test_each_run_walks_anew_with_the_noise_of_its_own_seed_to_the_byte():
         ran = target.bytes(200)
         assert ran == runs.setdefault(seed, ran) == Target(**walk, seed=seed).bytes(200)
     assert runs[1] != runs[2]
-
-
-def test_at_another_period_the_person_is_at_the_same_place_at_the_same_time():
-    walk = Circle(speed_m_s=1.0), Gait()
-    coarse = Target(*walk, tick_s=0.0123, rate_hz=1.0 / 0.0246)
-    fine, coarse = (target.tick(tick) for target, tick in ((Target(*walk), 123), (coarse, 100)))
-    assert pose_of(coarse[keys.TARGET_ODOM]) == pytest.approx(pose_of(fine[keys.TARGET_ODOM]))
-    assert coarse[keys.TARGET_ODOM].header.stamp == Time(1, 230_000_000)
-    assert keys.OBSERVATION in coarse
-    driven = Target(Driven(timeout_s=1.0), tick_s=0.0123, rate_hz=1.0 / 0.0246)
-    driven.person(0)
-    driven.person(1, Twist2D(1.0))
-    assert driven.person(51).x == pytest.approx(51 * 0.0123)
 
 
 def test_a_driven_person_moves_by_the_commands_and_stops_when_they_end():
@@ -187,9 +170,22 @@ def test_a_walk_that_has_ended_is_reported_and_one_without_an_end_is_not():
         assert "walk_ended" not in endless.node.diagnostics()
 
 
-def test_what_no_target_can_do_is_one_clear_error_before_the_start(tmp_path):
-    with pytest.raises(ConfigError, match=r"^target.path: .*none.csv: can't be read: No such .*$"):
-        Target(Recorded(file=tmp_path / "none.csv"))
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda: Target(Recorded(file=Path("/none.csv"))), "target.path: /none.csv: can't be read"),
+        (lambda: Target(STANDING, rate_hz=30.0), "sensor.rate_hz = 30 must divide the tick rate"),
+        (lambda: Target(STANDING, rate_hz=200.0), "sensor.rate_hz = 200 must divide"),
+        (lambda: Target(STANDING, latency_s=0.015), "sensor.latency_s: .* whole number of ticks"),
+        (lambda: SensorFaults(stand_ins_s=((1.0, 2.0),)), "needs faults.other_m"),
+        (lambda: SensorFaults(other_m=1.0, stand_ins_s=((2.0, 1.0),)), "must end after it begins"),
+        (lambda: Reactive(count=3, x_m=(1.0, 0.0), y_m=(0.0, 2.0)), "x_m: 1 must be below 0"),
+        (lambda: Reactive(count=9, x_m=(0.0, 2.0), y_m=(0.0, 2.0)), "one walker for each square"),
+    ],
+)
+def test_a_wrong_setting_is_one_line(make, reason):
+    with pytest.raises((ConfigError, ValueError), match=reason):
+        make()
 
 
 def test_a_skeleton_walks_with_the_person_where_a_sensor_looks_at_it():
@@ -206,7 +202,7 @@ def test_a_skeleton_walks_with_the_person_where_a_sensor_looks_at_it():
     assert 0.8 < pelvis.z < 1.0
 
 
-@pytest.mark.parametrize("ticks", [[1000], [40], [0, 300], [0, 2, 48]])
+@pytest.mark.parametrize("ticks", [[1000], [0, 2, 48]])
 def test_after_a_gap_the_whole_skeleton_is_at_the_person(ticks):
     target = Target(Straight(speed_m_s=1.0), kind="fused")
     for tick in ticks:
@@ -214,12 +210,6 @@ def test_after_a_gap_the_whole_skeleton_is_at_the_person(ticks):
     person, joints = pose_of(outputs[keys.TARGET_ODOM]), outputs[keys.TARGET_SKELETON].joints
     # a leg of 0.53 of a height of 1.75 m (Winter), and 0.2 m of a foot
     assert max(math.hypot(joint.x - person.x, joint.y - person.y) for joint in joints) < 0.8
-
-
-def test_a_body_that_sways_by_itself_does_not_sway_twice():
-    swaying = Target(Straight(speed_m_s=1.0), gait=Gait(), kind="body")
-    plain = Target(Straight(speed_m_s=1.0), kind="body")
-    assert swaying.bytes(100) == plain.bytes(100)
 
 
 NEXT_RUN = 2**32 - 1
@@ -257,8 +247,8 @@ TRUTH = planar_odometry(Time(1), "world", "base_link", Pose2D(1.0, 2.0, 0.5), Tw
 COMMAND = Twist.planar(Twist2D(0.1, 0.2, 0.3))
 
 
-@forged({"ground_truth/odom": [TRUTH], "target/cmd_vel": [COMMAND]})
-def test_even_forged_stamps_bring_no_number_that_is_not_finite_and_no_lasting_harm(wrong):
+@forged({"ground_truth/odom": [TRUTH], "target/cmd_vel": [COMMAND]}, max_examples=40)
+def test_hostile_samples_do_no_lasting_harm(wrong):
     rig = OnBus()
     rig.tick(0)
     rig.put_wrong(wrong)
