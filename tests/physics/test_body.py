@@ -12,7 +12,7 @@ from mecazen.config.world import Box
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.robot import Payload, Robot
 from mecazen.urdf import build_meshes, build_urdf
-from mecazen_physics.world import GRAVITY, UnsupportedError
+from mecazen_physics.world import GRAVITY
 from msgspec.structs import replace
 from physics_rig import Rig, masses, wheel_speeds
 
@@ -131,15 +131,6 @@ def test_motors_at_their_limit_accelerate_a_loaded_robot_by_as_much_less(nexus):
     assert (after - before) / 0.2 == pytest.approx(expected, rel=0.01)  # 1 %: the hull's chords
 
 
-def test_what_cannot_be_simulated_is_refused(nexus):
-    rollers = replace(nexus.rollers, bearing_friction_nms=1e-3)
-    with pytest.raises(UnsupportedError, match=r"below .* or physics\.dt_s"):
-        Rig(replace(nexus, rollers=rollers))
-    step = Box(size_m=(1.0, 1.0, 0.01), position_m=(1.0, 0.0))
-    with pytest.raises(UnsupportedError, match=r"0\.01 m high"):
-        Rig(nexus, obstacles=(step,))
-
-
 def without_bearing_friction(robot: Robot) -> Robot:
     rollers = replace(robot.rollers, bearing_friction_nms=0.0)
     return replace(robot, rollers=rollers)
@@ -179,39 +170,6 @@ def test_beside_an_obstacle_it_slides_as_in_the_open(nexus):
     slower, aside = slide(rig, yaw, 0.25, 0.05)
     assert slower == pytest.approx(MU * GRAVITY / math.sqrt(2.0), rel=0.01)
     assert abs(aside) < 0.01
-
-
-def touches_the_wall(rig: Rig) -> bool:
-    contacts = rig.body.world.dart.getLastCollisionResult().getContacts()
-    return any(abs(contact.normal[2]) < 0.5 for contact in contacts)
-
-
-def test_along_a_wall_it_slides_as_in_the_open(nexus):
-    wall = Box(size_m=(20.0, 0.2, 0.5), position_m=(0.0, 0.0))
-    robot = without_bearing_friction(nexus)
-    rig = Rig(robot, Pose2D(y=0.3), ground_friction=MU, obstacles=(wall,))
-    rig.advance(HELD, 100)
-    rig.throw(1.5, -0.2)
-    while not touches_the_wall(rig):
-        rig.advance(HELD, 10)
-    before = rig.advance(HELD, 40)  # it bounces a little
-    after = rig.advance(HELD, 150)
-    assert after.position[1] < 0.3
-    # rims transmit no friction: only the ground does
-    expected = 0.15 * MU * GRAVITY / math.sqrt(2.0)
-    assert before.linear[0] - after.linear[0] == pytest.approx(expected, rel=0.01)
-
-
-def test_held_wheels_slide_down_a_slope_as_by_hand(robot):
-    rig = Rig(without_bearing_friction(robot), slope_deg=30.0, ground_friction=MU)
-    rig.advance(HELD, 500)
-    slope = math.radians(30.0)
-    expected = (
-        -0.5 * GRAVITY * (math.sin(slope) - MU * math.sin(robot.roller_angle) * math.cos(slope))
-    )
-    # 2 %: within it the loads shift downhill, and rollers are set spinning
-    assert rig.state().linear[0] == pytest.approx(expected, rel=0.02)
-    assert abs(rig.state().linear[1]) < 0.01
 
 
 def write(robot, folder):

@@ -212,13 +212,3 @@ def test_the_pid_restarts_after_commands_of_torque(nexus):
     rig.advance_effort(hold, 100)
     # the torque of the integral part that holds the robot is forgotten
     assert max(map(abs, rig.advance([0.0] * 4, 1).joint_effort[:4])) < 0.1
-
-
-def test_real_motors_begin_at_the_wheels_speed_after_commands_of_torque(nexus):
-    rig = Rig(with_motors(nexus, time_constant_s=0.2))
-    for _ in range(50):
-        rig.advance([10.0] * 4)
-    braked = rig.advance_effort([-0.3] * 4, 300).joint_velocity[0]
-    assert braked < 6.0
-    after = rig.advance([0.0] * 4, 10).joint_velocity[0]
-    assert after == pytest.approx(braked * math.exp(-0.01 / 0.2), abs=0.05)

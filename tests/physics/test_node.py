@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import pytest
-from harness import Rig, assert_sendable, error_of, load_robot
+from harness import Rig, assert_sendable, load_robot
 from hostile import forged
 from mecazen import keys
 from mecazen import messages as m
@@ -21,6 +21,7 @@ from mecazen.config import (
     SensorsConfig,
     SimConfig,
     StartConfig,
+    WorldConfig,
 )
 from mecazen.config.people import Passerby, Standing
 from mecazen.config.sensors import EncodersConfig
@@ -28,11 +29,13 @@ from mecazen.config.world import Box
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.node import Inputs, Tick
-from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
+from mecazen.robot import WHEEL_JOINTS, WHEELS, Robot, roller_joint
 from mecazen.skeleton import JOINTS
 from mecazen.urdf import build_meshes
 from mecazen.wire import encode
 from mecazen_physics.node import PhysicsNode
+from mecazen_physics.world import UnsupportedError
+from physics_rig import simulation_of
 
 TICK_NS = 10_000_000
 FAST = PhysicsConfig(dt_s=0.002)
@@ -253,17 +256,51 @@ def test_a_box_out_of_reach_changes_no_bit():
     assert weave(beside) == weave(plain)
 
 
+def with_rollers(**values: float) -> Robot:
+    nexus = load_robot()
+    return msgspec.structs.replace(nexus, rollers=msgspec.structs.replace(nexus.rollers, **values))
+
+
+LOW = Box(size_m=(1.0, 1.0, 0.01), position_m=(1.0, 0.0))
+BLOCK = Box(position_m=(-0.3, 0.0), size_m=(0.2, 0.2, 0.5))
+SLIPPERY = with_rollers(contact_friction=0.5)
+
+
 @pytest.mark.parametrize(
-    ("thing", "line"),
+    ("refused", "words"),
     [
-        (box(0.3), "crate: would be inside the robot, which is at [0.00, 0.00]"),
-        (box(9.0, height=0.04), "an obstacle 0.04 m high is lower than the wheels' axles"),
-        (Passerby(Standing(x_m=0.3)), "crate: would be inside the robot"),
+        (lambda: added(Driven(), crate=box(0.3)), "crate: would be inside the robot, which is at"),
+        (
+            lambda: added(Driven(), crate=box(9.0, height=0.04)),
+            "an obstacle 0.04 m high is lower than the wheels' axles",
+        ),
+        (
+            lambda: added(Driven(), crate=Passerby(Standing(x_m=0.3))),
+            "crate: would be inside the robot",
+        ),
+        (
+            lambda: Driven(robot=with_rollers(bearing_friction_nms=1e-3)),
+            r"below .* or physics\.dt_s",
+        ),
+        (lambda: Driven(world=WorldConfig(obstacles=(LOW,))), r"0\.01 m high"),
+        (
+            lambda: Driven(world=WorldConfig(obstacles=(BLOCK,))),
+            r"start: .* inside the box at \[-0.3, 0\]; move it",
+        ),
+        (
+            lambda: simulation_of([(load_robot(), Pose2D()), (SLIPPERY, Pose2D(2.0))]),
+            r"same rollers\.contact_friction",
+        ),
     ],
 )
-def test_what_would_be_inside_a_robot_is_refused(thing, line):
-    driven = Driven()
-    assert error_of(ConfigError, lambda: added(driven, crate=thing)).startswith(line)
+def test_what_cannot_be_simulated_is_refused(refused, words):
+    with pytest.raises((ConfigError, UnsupportedError), match=words):
+        refused()
+
+
+def test_a_robot_may_start_below_a_shelf():
+    shelf = msgspec.structs.replace(BLOCK, bottom_m=0.8)
+    assert Driven(world=WorldConfig(obstacles=(shelf,))).pose == Pose2D()
 
 
 def test_robots_are_moved_each_by_its_own_commands_and_stopped_by_its_own_watchdog():

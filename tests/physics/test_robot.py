@@ -49,9 +49,7 @@ def with_rollers(angle_deg: float, arrangement: str) -> Robot:
         (load_robot("nexus"), LEFT),
         (load_robot("nexus"), TURN),
         (load_robot("artbul"), LEFT),
-        (load_robot("slant"), FORWARD),
         (load_robot("slant"), TURN),
-        (with_rollers(30.0, "X"), LEFT),
         (with_rollers(30.0, "O"), LEFT),
         (with_rollers(60.0, "X"), TURN),
         (with_rollers(30.0, "O"), TURN),
@@ -68,17 +66,6 @@ def test_motion_has_the_gain_that_the_rollers_geometry_predicts(robot, twist):
     assert moved == pytest.approx(expected, rel=0.01, abs=5e-3 if twist.yaw else 1e-3)
     heights = [state.position[2] for state in states]
     assert max(heights) - min(heights) < 1e-3 * robot.wheels.radius_m
-
-
-def test_turning_on_the_spot_has_less_gain_if_wheels_differ_in_phase(nexus):
-    rig = Rig(nexus, dt_s=0.005)
-    rig.advance((3.1, 1.7, -2.3, 0.9), 200)
-    states = [rig.advance(wheel_speeds(nexus, TURN), 2) for _ in range(400)][100:]
-    gain = (states[-1].yaw - states[0].yaw) / 2.99 / TURN.yaw
-    # By the least power of slip, Σ load·|slip|, over v_x, v_y and the yaw rate, three wheels roll
-    # and one slips. At 60 random phases this gives 0.9949 to 1.0104, and 1.0138 at one phase. In
-    # 60 simulated turns it is 0.3 % less.
-    assert 0.992 < gain < 1.0104
 
 
 def test_a_standing_person_stops_the_robot(nexus):

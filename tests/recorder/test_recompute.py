@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -116,16 +115,6 @@ def test_only_the_named_sections_of_a_robot_are_read(tmp_path):
     assert recording.scenario(7, "follower").names == ("one", "two")
 
 
-def test_own_settings_of_a_follower_that_is_not_imported_are_left_out(tmp_path):
-    tables = effective(Scenario(robot=load_robot()))
-    tables |= {"programs": {"follower": "mine.py:Mine"}, "follower": {"my_gain": 2.0}}
-    with closing(RecordingWriter(tmp_path / "run.mcap")) as writer:
-        writer.write_run(stamp_of(0), tomli_w.dumps(tables))
-    recording = Recording(tmp_path / "run.mcap")
-    assert list(recording.samples()) == []
-    assert recording.scenario(7, "follower").follower == Scenario(robot=load_robot()).follower
-
-
 @pytest.mark.parametrize(
     ("answer", "field"),
     [
@@ -172,7 +161,6 @@ def test_the_order_of_samples_within_a_tick_is_free(mine, recorded):
     [
         ({"robots": TWO}, "Mine", "", "follower: of which robot. --robot takes one or two"),
         ({"robots": TWO}, "Mine", "three", "'three': no such robot"),
-        ({}, "Mine", "one", "'one': no such robot"),
         (
             {"first": 1},
             "Mine",
@@ -185,7 +173,6 @@ def test_the_order_of_samples_within_a_tick_is_free(mine, recorded):
             "",
             "is no node with recorded inputs; `mecazen simulate` runs the rest again",
         ),
-        ({}, "recorder", "", "is no node with recorded inputs"),
         ({}, "Other", "", r"holds nothing that .*Other publishes"),
     ],
 )
@@ -202,16 +189,11 @@ def test_impossible_recomputations_are_one_line(
     [
         ({"services": ["physics", "{file}:Evil"]}, "services.1: got '/"),
         ({"programs": {"follower": "{file}:Evil"}}, "would run its programs {file}:Evil"),
-        ({"programs": {"mine": "{file}:Evil"}}, "would run its programs {file}:Evil"),
-        ({"programs": {"{file}:Evil": "follower"}}, "can't be a node's name"),
-        ({"processes": [["{file}:Evil"]]}, "is not among services"),
         ({"follower": {"estimator": "{file}:Evil"}}, "unknown estimator '{file}:Evil'"),
         ({"robots": [{"name": "a", "programs": {"follower": "{file}:Evil"}}]}, "unknown key"),
         ({"robot": "/dev/zero"}, "robot would be read from another file"),
-        ({"robots": [{"name": "a", "robot": "/dev/zero"}]}, "robot would be read from another"),
         ({"world": {"map": "/dev/zero"}}, "world would be read from another file"),
         ({"target": {"path": {"kind": "recorded", "file": "/x"}}}, "would open the file /x"),
-        ({"target": {"body": {"motion_file": "/x"}}}, "would open the file /x"),
         ({"bus": {"zenoh_config": "/x"}}, "would open the file /x"),
     ],
     ids=str,

@@ -203,24 +203,6 @@ def mounted(x=0.0, z=0.5, pitch_deg=0.0, yaw_deg=0.0):
     )
 
 
-def sees(mount, *points):
-    camera = CameraView(mount, TrackerConfig(min_range_m=0.01, max_range_m=5.0))
-    return camera.look(np.array(points) - mount.position_m)[1].tolist()
-
-
-@pytest.mark.parametrize(("z", "pitch_deg", "nearest"), [(0.2, 22.15, 1.10), (0.8, 2.2, 1.37)])
-def test_a_person_fits_into_view_from_a_distance(z, pitch_deg, nearest):
-    def fits(pitch_deg, distance):
-        mount = mounted(z=z, pitch_deg=pitch_deg)
-        return all(sees(mount, (distance, 0.0, 0.0), (distance, 0.0, HEIGHT)))
-
-    near_m = 0.005  # half of the last digit of `nearest`
-    assert fits(pitch_deg, nearest + near_m)
-    assert not fits(pitch_deg, nearest - near_m)
-    assert not fits(pitch_deg - 1.0, nearest + near_m)
-    assert not fits(pitch_deg + 1.0, nearest + near_m)
-
-
 def test_pan_and_tilt_turn_the_view():
     mount = mounted(pitch_deg=30.0, yaw_deg=90.0)
     up = 2.0 * math.tan(math.radians(30.0))
