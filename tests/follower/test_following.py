@@ -151,7 +151,7 @@ def scores(config, *args, **kwargs):
 # Errors of the sensor alone: 5 cm and 5 degrees, as the means of |x, y| and |yaw|.
 NOISE_M, NOISE_DEG = 0.05 * math.sqrt(math.pi / 2.0), 5.0 * math.sqrt(2.0 / math.pi)
 # "A Virtual Mecanum Wheeled Robot ROS Simulator ..." publishes these errors of its filter
-BACK, SIDE = (0.12, 5.3), (0.14, 6.2)
+SIDE = 0.14, 6.2
 
 
 @pytest.mark.parametrize(
@@ -159,9 +159,7 @@ BACK, SIDE = (0.12, 5.3), (0.14, 6.2)
     [
         ("back", "imm", PolarControl(), 0.06, 4.0),
         ("side_left", "imm", PidControl(), NOISE_M, NOISE_DEG),
-        ("front", "ekf_ctrv", PolarControl(), NOISE_M, NOISE_DEG),
         ("side_right", "kf_cv", PidControl(), NOISE_M, NOISE_DEG),
-        ("back", "kf_displacement", PolarControl(), *BACK),
         ("side_left", "kf_displacement", PolarControl(), *SIDE),
     ],
 )
@@ -180,17 +178,6 @@ def test_without_noise_the_steady_state_has_no_error():
     # The rest comes from the start, the two ends of the turn and the stop.
     assert distance < 0.02
     assert heading < 0.5
-
-
-def test_feed_forward_halves_the_lag_behind_a_brisk_person():
-    def brisk(time):
-        return Twist2D(1.3, 0.0, 0.4 if time > 5.0 else 0.0)
-
-    with_it, without = (
-        scores(FollowerConfig(control=PidControl(feed_forward=on)), 20.0, walk=brisk)[0]
-        for on in (True, False)
-    )
-    assert with_it < without / 2
 
 
 def mean_error(*, response=0.0, robot_delay=0.0, noise=0.0, **sensor):
@@ -212,12 +199,6 @@ def mean_error(*, response=0.0, robot_delay=0.0, noise=0.0, **sensor):
     )
     errors = [robot.distance(config.standoff.goal(person)) for person, robot, _ in ticks]
     return np.mean(errors[round(5.0 / DT) :])
-
-
-def test_a_dead_time_makes_a_high_gain_oscillate_unless_it_is_known():
-    # heading: 4 per s for 0.5 s is beyond pi/2, where the loop of an integrator is unstable
-    assert mean_error(robot_delay=0.5, noise=0.01) > 0.3
-    assert mean_error(robot_delay=0.5, response=0.5, noise=0.01) < 0.05
 
 
 def test_on_a_circle_delays_of_robot_and_sensor_are_compensated():

@@ -23,7 +23,6 @@ from mecazen.loading import load_scenario
 from mecazen.messages import diagonal_covariance
 from mecazen.runtime.live import LiveParameters, refuse_unsuitable
 from mecazen_follower.association import NO_HEADING
-from mecazen_follower.estimators import ESTIMATORS
 from mecazen_follower.node import FollowerNode
 
 NEXUS = load_robot()
@@ -141,14 +140,12 @@ ELSEWHERE = (m.PoseWithCovariance(m.Pose.planar(Pose2D(4.0, 4.0))),)
     ("last", "frame", "reason"),
     [
         (AHEAD, m.Observation(reason=m.Unseen.WALL), "hidden by a wall"),
-        (AHEAD, m.Observation(reason="lens cap on"), "lens cap on"),  # of a real sensor
         (AHEAD, m.Observation(poses=ELSEWHERE, reason=m.Unseen.PERSON), "hidden by another person"),
         (AHEAD, m.Observation(poses=ELSEWHERE), "only implausible detections"),
         (AHEAD, None, "no frames from the sensor"),
         # without a reason of the sensor, by its field of view of 40° and its range of 10 m
         (AHEAD, m.Observation(), "not in the sensor's frames"),
         (Pose2D(1.0, 1.0), m.Observation(), "out of view to the left"),
-        (Pose2D(1.0, -1.0), m.Observation(), "out of view to the right"),
         (Pose2D(10.5), m.Observation(), "out of range"),
     ],
 )
@@ -227,14 +224,6 @@ def test_when_the_odometry_jumps_the_person_is_sought_again(jump):
     assert state.estimate[0].twist.twist.to_planar() == pytest.approx((0.0, 0.0, 0.0))
     _, state = follower.tick(84, Pose2D(jump.x + 0.4, jump.y, jump.yaw))
     assert state.estimate  # motion in missed ticks is no jump
-
-
-def test_a_frame_held_back_while_the_odometry_jumps_is_dropped():
-    follower, noise = Follower(kind="fused"), diagonal_covariance((1e-4,) * 6)
-    follower.tick(0, ORIGIN, AHEAD, noise=noise)  # held back until scans of its time have come
-    for tick in range(1, 20):
-        _, state = follower.tick(tick, Pose2D(5.0))
-        assert state.estimate == ()
 
 
 @pytest.mark.parametrize(("kind", "tracking"), [("legs", "following"), ("fused", "waiting")])
@@ -317,29 +306,13 @@ def test_a_changed_standoff_keeps_the_person():
     [
         ({"bearing_deg": 90.0}, "bearing_deg and heading_deg must be given together"),
         ({"estimator": "ukf"}, "allowed: ekf_ctrv, imm, kf_cv, kf_displacement, none"),
-        (
-            {"estimator": "kf_cv", "estimator_params": {"gain": 1.0}},
-            "kf_cv has no parameter gain, allowed: position_std_m, ",
-        ),
-        ({"estimator_params": {"sway_m_sqrt_m": -1.0}}, "sway_m_sqrt_m"),
+        ({"estimator_params": {"gain": 1.0}}, "imm has no parameter gain, allowed: "),
         ({"coast_after_s": 4.0}, "lost_after_s = 4 must be above coast_after_s = 4"),
         ({"control": {"kind": "fuzzy"}}, r"'fuzzy' - at `\$.control.kind`"),
-        ({"control": {"max_speed_m_s": 1.0}}, "missing required field `kind`"),
-        ({"control": {"kind": "polar", "x": {}}}, "unknown field `x`"),
         ({"control": {"kind": "pid", "x": {"kp": -1.0}}}, r"\$.control.x.kp"),
-        (
-            {"planner": {"priorities": ["distance", "bearing"]}},
-            "priorities must be distance, visibility, bearing, heading, each once, in any order",
-        ),
-        (
-            {"planner": {"rate_hz": 30.0}},
-            "follower.planner.rate_hz = 30 must divide the tick rate of 100 Hz",
-        ),
-        (
-            {"standoff_m": 0.5},
-            "follower.standoff_m = 0.5 must be at least 0.58: the radii of the person, 0.2, and "
-            "of the robot, 0.28, and 0.1 between them",
-        ),
+        ({"planner": {"priorities": ["distance"]}}, "priorities must be distance, visibility, "),
+        ({"planner": {"rate_hz": 30.0}}, "rate_hz = 30 must divide the tick rate of 100 Hz"),
+        ({"standoff_m": 0.5}, "follower.standoff_m = 0.5 must be at least 0.58: the radii of"),
     ],
 )
 def test_a_wrong_setting_is_one_clear_line(settings, line):
@@ -347,47 +320,21 @@ def test_a_wrong_setting_is_one_clear_line(settings, line):
         FollowerNode(Scenario(robot=NEXUS, follower=msgspec.convert(settings, FollowerConfig)))
 
 
-def test_settings_left_out_keep_their_defaults():
-    config = FollowerConfig()
-    assert config.standoff == pytest.approx((1.0, math.pi, 0.0))
-    assert (config.estimator in ESTIMATORS, config.control) == (True, PolarControl())
-    table = {"estimator_params": {"sway_m_sqrt_m": 2}, "control": {"kind": "pid", "x": {"kp": 1}}}
-    config = msgspec.convert(table, FollowerConfig)
-    assert config.control == PidControl(x=LinearGains(kp=1.0))
-    assert msgspec.convert(msgspec.to_builtins(config), FollowerConfig) == config
-
-
-@pytest.mark.parametrize(
-    ("program", "line"),
-    [
-        ("Blind(Node)", "follower: no effect on my.py:Blind, which takes its place; if it reads"),
-        ("Blind(FollowerNode)", None),
-    ],
-)
-def test_settings_that_a_users_follower_does_not_read_are_refused(
-    program, line, tmp_path, monkeypatch
-):
+def test_settings_that_a_users_follower_does_not_read_are_refused(tmp_path):
     (tmp_path / "my.py").write_text(
-        "from mecazen.node import Node as _Node, Row\n"
-        "from mecazen_follower.node import FollowerNode\n"
-        "class Node(_Node):\n"
+        "from mecazen.node import Node, Row\n"
+        "class Blind(Node):\n"
         "    ROW = Row('follower')\n"
-        f"class {program}:\n"
         "    def reset(self, seed): pass\n"
         "    def step(self, tick, inputs): return {}\n"
     )
+    program = f"{tmp_path}/my.py:Blind"
     scenario = load_scenario(SCENARIOS / "back.toml")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("mecazen.programs._loaded", {})
-    programs = {"follower": "my.py:Blind"}
-    scenario = msgspec.structs.replace(scenario, programs=programs)
+    scenario = msgspec.structs.replace(scenario, programs={"follower": program})
     live = LiveParameters(scenario, refuse_unsuitable, lambda _: None)
-    if line is None:
-        live.set({"follower.standoff_m": 2})
-        assert live.requested.follower.standoff_m == 2.0
-    else:
-        assert error_of(ConfigError, lambda: live.set({"follower.standoff_m": 2})).startswith(line)
-        assert live.requested.follower.standoff_m != 2.0
+    error = error_of(ConfigError, lambda: live.set({"follower.standoff_m": 2}))
+    assert error.startswith(f"follower: no effect on {program}, which takes its place")
+    assert live.requested.follower.standoff_m != 2.0
 
 
 class OnBus(Rig):
@@ -436,21 +383,6 @@ def test_a_tick_with_a_frame_waits_for_both():
     assert samples[0].stamp == rig.at(4)
 
 
-def test_without_a_target_an_unstamped_frame_is_of_now():
-    rig = OnBus(target=())
-    for tick in range(7):
-        rig.odom(tick)
-    rig.bus.put_bytes(
-        "target/observation",
-        b'{"header":{"frame_id":"base_link"},"poses":[{"pose":{"position":{"x":1.5}}}]}',
-    )
-    assert rig.take() == []
-    estimate, command = answer_of(rig.odom(7, Pose2D(0.3)))
-    assert estimate == pytest.approx((1.8, 0.0, 0.0))
-    assert command == pytest.approx((0.5, 0.0, 0.0))
-    assert len(rig.odom(8, Pose2D(0.3))) == 2
-
-
 def test_after_a_restart_of_the_controller_the_person_is_sought_again():
     rig = OnBus("kf_cv")
     rig.odom(0)
@@ -484,10 +416,9 @@ GOOD = {
 }
 
 
-@pytest.mark.parametrize("estimator", sorted(ESTIMATORS))
-@forged(GOOD, max_examples=10)
-def test_hostile_samples_do_no_lasting_harm(estimator, wrong):
-    rig, next_run = OnBus(estimator), 2**32 - 1
+@forged(GOOD, max_examples=40)
+def test_hostile_samples_do_no_lasting_harm(wrong):
+    rig, next_run = OnBus("imm"), 2**32 - 1
     rig.odom(0)
     rig.frame(0, AHEAD)
     for sample in rig.put_wrong(wrong):

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 from follower.rooms import BODY, CAMERA, NOTHING, planner_of, situation, still
-from mecazen.config.follower import PlannerConfig, PolarControl
-from mecazen.drive import Drive, Limits, MotionLimits
-from mecazen.geometry import Standoff, Twist2D
+from mecazen.config.follower import PlannerConfig
+from mecazen.geometry import Standoff
 from mecazen_follower.control import ALL_AROUND
 from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs
-from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of, roll, towards
+from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of
 from mecazen_follower.planner.surroundings import CELL_M, DistanceField, Shadows
 
 STANDOFF = Standoff(1.2, math.pi, 0.0)
@@ -114,62 +113,6 @@ def test_a_priority_is_regained_at_half_the_error(last):
 
     assert aside(20.0) == last  # of 30
     assert aside(14.0) == "avoiding"
-
-
-LAW = PolarControl(heading_gain_1_s=4.0)
-BEHIND = -1.0, 0.0, 0.0
-LINEAR = Limits(2.0, 2.5, 2.5)
-DT = 0.1
-LIMITS = MotionLimits(
-    Drive(2.0, 1.0, 0.3, (LINEAR, LINEAR, Limits(3.0, 8.0, 8.0))), max_speed=2.0, dt=DT, n=1
-)
-
-
-def commanded(place, velocity=(0.0, 0.0, 0.0), orbit=0.0):
-    """Return what is commanded at a place; the goal is 1 m behind a person at the origin."""
-    goals = Prediction(*(np.array(row)[None, :, None] for row in (BEHIND, velocity)))
-    command = towards(np.zeros((1, 3)), goals, np.array([orbit]), LAW)
-    return command(0, *np.array(place)[:, None])[:, 0]
-
-
-@pytest.mark.parametrize(
-    ("place", "command"),
-    [
-        (BEHIND, (0.0, 0.0, 0.0)),
-        ((-1.1, 0.0, 0.0), (0.5, 0.0, 0.0)),
-        ((-5.0, 0.0, 0.0), (4.0, 0.0, 0.0)),  # v² = 2 * 2 m/s² * 4 m
-        ((0.0, -1.0, 0.0), (-math.sqrt(2.0 * math.pi), 0.0, 0.0)),  # a quarter of a circle
-        ((-1.0, 0.0, -0.1), (0.0, 0.0, 0.4)),
-        ((-1.0, 0.0, 2.0), (0.0, 0.0, -3.0)),
-        ((-1.0, 0.0, math.tau + 0.1), (0.0, 0.0, -0.4)),
-    ],
-)
-def test_a_goal_is_approached_along_circle_and_radius(place, command):
-    assert commanded(place) == pytest.approx(command, abs=1e-12)
-
-
-@pytest.mark.parametrize(("velocity", "orbit"), [((0.5, 0.2, 0.0), 0.0), ((0.0, -0.5, 0.5), 0.5)])
-def test_at_the_goal_the_robot_moves_with_it(velocity, orbit):
-    assert commanded(BEHIND, velocity, orbit) == pytest.approx(velocity)
-
-
-@pytest.mark.parametrize("yaw", [0.0, math.pi / 2])
-def test_a_rollout_from_rest_is_limited(yaw):
-    path = roll(yaw, Twist2D(), 3, LIMITS, lambda *_: np.array([[0.0], [2.0], [0.0]]))
-    reach = 1.25 * (DT * np.arange(1, 4)) ** 2  # half of 2.5 m/s² times t²
-    assert path.y[:, 0] == pytest.approx(reach)
-    assert path.x[:, 0] == pytest.approx(np.zeros(3), abs=1e-12)
-    assert path.s[:, 0] == pytest.approx(math.sin(yaw))
-
-
-def test_a_rollout_with_a_steady_turn_is_a_circle():
-    def ahead(_, x, y, yaw):
-        return np.array((np.cos(yaw), np.sin(yaw), np.ones_like(yaw)))
-
-    path = roll(0.0, Twist2D(1.0, 0.0, 1.0), 10, LIMITS, ahead)
-    # the mean of both directions is shorter than the chord by a twelfth of the step's turn squared
-    circle = math.sin(1.0), 1.0 - math.cos(1.0)
-    assert (path.x[-1, 0], path.y[-1, 0]) == pytest.approx(circle, rel=DT**2 / 6)
 
 
 def test_the_trail_leads_round_corners():

@@ -79,14 +79,6 @@ def test_only_legs_that_may_be_the_person_are_looked_at(place, strangers, looks)
         assert math.dist(look.place, place) < 0.2
 
 
-def test_who_comes_into_a_room_that_was_looked_at_is_looked_at():
-    search = search_of(standing((0.0, 0.0, 0.0)))
-    for yaw in np.linspace(0.0, math.tau, 16):
-        step(search, ROOM, Pose2D(0.0, 0.0, yaw))
-    assert search.look(ORIGIN) is None
-    assert step(search, [*ROOM, *legs(-1.2, 0.8)], ORIGIN).reason == "something like legs"
-
-
 def test_a_robot_at_a_wall_moves_away_before_it_turns():
     look = step(search_of(), CORNER, Pose2D(2.5, 0.74, 1.5))
     assert look.place == pytest.approx((2.5, 0.74))

@@ -3,15 +3,14 @@
 import math
 import struct
 from itertools import pairwise
-from types import SimpleNamespace
 
 import pytest
 import serial
-from hardware.stand import LoggingFirmware, Stand, emulated, frame, until
+from hardware.stand import emulated, frame, until
 from harness import SCENARIOS
 from mecazen.errors import MecazenError
 from mecazen_hardware.emulator.firmware import CYCLE_MS, Firmware, Instruments
-from mecazen_hardware.emulator.line import Emulator, SerialLine
+from mecazen_hardware.emulator.line import SerialLine
 from mecazen_hardware.emulator.world import BREAK_AWAY_V, EmulatedWorld, load, motor_torque
 
 VOLTS = 12.0
@@ -197,22 +196,6 @@ def receive_as_vendor(port):
         payload = port.read(length - 2)
         if (length + kind + sum(payload[:-1])) % 256 == payload[-1]:
             return kind, payload[:-1]
-
-
-def test_without_a_gap_a_frame_destroys_the_one_before(monkeypatch):
-    # between two looks no time passes, so the frames can't have had a gap
-    standing = SimpleNamespace(monotonic=lambda: 1.0)
-    monkeypatch.setattr("mecazen_hardware.emulator.line.time", standing)
-    line = SerialLine()
-    emulator = Emulator(line, Stand(), LoggingFirmware())
-    with serial.Serial(line.name, 115200) as port:
-        emulator.receive()
-        port.write(motion(300) * 2)
-        emulator.receive()
-        for _ in range(100):
-            emulator.millisecond()
-    line.close()
-    assert (emulator.firmware.taken, emulator.firmware.lost) == (1, 1)
 
 
 def test_a_line_carries_bytes_unchanged_and_without_echo():

@@ -133,13 +133,13 @@ def test_a_keeper_stops_the_motors_after_silence_and_at_the_end():
         os.close(fd)
 
 
+def error(kind=HardwareError, **settings):
+    return error_of(kind, lambda: Link(HardwareConfig(**settings), ROBOT))
+
+
 def test_what_can_not_be_opened_is_one_line(monkeypatch, tmp_path):
     monkeypatch.setattr("mecazen_hardware.link.BUSY_FOR_S", 0.1)
     (tmp_path / "file").touch()
-
-    def error(kind=HardwareError, **settings):
-        return error_of(kind, lambda: Link(HardwareConfig(**settings), ROBOT))
-
     assert "/dev/ttyUSB77: no such port; ports here: " in error(port="/dev/ttyUSB77")
     assert "not a serial port" in error(port=str(tmp_path / "file"))
     assert "no board 'x3': rosmaster_x3, or " in error(ConfigError, board="x3")
@@ -159,10 +159,6 @@ def test_what_can_not_be_opened_is_one_line(monkeypatch, tmp_path):
         assert f"/dev/null: {reason}" in error(port="/dev/null")
 
 
-def linking_error(port):
-    return error_of(HardwareError, lambda: Link(HardwareConfig(port=port), ROBOT))
-
-
 @pytest.mark.parametrize(
     ("sent", "reason"), [(b"", "nothing answers"), (b"$GPGGA,123519", "not a rosmaster_x3")]
 )
@@ -172,23 +168,16 @@ def test_a_port_without_this_board_is_named(sent, reason, monkeypatch):
     tty.setraw(port_end)
     talking = threading.Timer(0.2, os.write, (board_end, sent))  # opening a port empties it
     talking.start()
-    assert reason in linking_error(os.ttyname(port_end))
+    assert reason in error(port=os.ttyname(port_end))
     talking.join()
     os.close(board_end)
     os.close(port_end)
 
 
-@pytest.mark.parametrize(
-    ("firmware", "volts", "reason"),
-    [({"car_type": 5}, 12.0, "set to the car R2"), ({}, 9.0, "is its battery low?")],
-)
-def test_a_board_that_can_not_drive_is_named(firmware, volts, reason, monkeypatch):
+def test_a_board_of_another_car_is_named(monkeypatch):
     monkeypatch.setattr("mecazen_hardware.link.ANSWER_S", 0.5)
-    monkeypatch.setattr("mecazen_hardware.emulator.firmware.LATCH_READINGS", 0)
-    with emulated(**firmware) as emulator:
-        emulator.world.battery_v = volts
-        until(lambda: emulator.firmware.is_latched == (volts < 9.6))
-        assert reason in linking_error(emulator.line.name)
+    with emulated(car_type=5) as emulator:
+        assert "set to the car R2" in error(port=emulator.line.name)
         assert not emulator.firmware.driving
 
 

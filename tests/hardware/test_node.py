@@ -19,7 +19,7 @@ from mecazen.robot import WHEEL_JOINTS, RealMotors
 from mecazen.runtime.clock import Clock
 from mecazen.runtime.host import Host
 from mecazen.wheels import WheelSpeeds
-from mecazen_hardware.driver import Safety, compensated
+from mecazen_hardware.driver import compensated
 from mecazen_hardware.link import HardwareError
 from mecazen_hardware.node import HardwareNode
 from mecazen_physics.motors import MotorModel
@@ -195,16 +195,6 @@ def test_what_a_real_robot_has_not_is_refused():
         with pytest.raises(BusError, match="the time of a real robot is the wall clock"):
             run.bus.call(keys.SIM_SPEED, SpeedRequest(speed=2.0))
         assert "<robot" in run.bus.call(keys.ROBOT_DESCRIPTION, Empty()).data
-
-
-def test_a_low_battery_stops_for_good_but_no_sag():
-    safety = Safety(HardwareConfig(min_voltage_v=9.9))
-    for time_s, volts in ((0.0, 12.0), (0.1, 9.0), (0.9, 9.0), (1.0, 11.0), (1.1, 9.0)):
-        safety.measured(volts, time_s)
-    assert safety.reason(0.01, 0.01) == ""
-    safety.measured(9.0, 2.15)
-    safety.measured(12.0, 2.2)
-    assert safety.reason(0.01, 0.01) == "battery was at 9.0 V; 9.9 V is the least"
 
 
 MOTORS = RealMotors(dead_band_rad_s=1.5, gains=(1.1, 0.9, 1.0, 0.95))

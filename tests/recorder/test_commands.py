@@ -152,9 +152,9 @@ def test_wrong_arguments_are_one_line(net, make_recording, command_error, tmp_pa
         (("replay", path, "--keys", "odom"), "a simulation runs there"),
         (("replay", path, "--robot", "two"), "--through"),
         (("replay", path, "--through", "follower"), "no run with its configuration"),
-        (("info", cut), "no sample in it, and its end is missing"),
     ):
         assert words in command_error(*net.tools, *arguments)
+    assert "no sample in it, and its end is missing" in command_error("info", cut)
     assert not (tmp_path / "x.mcap").exists()
 
 
