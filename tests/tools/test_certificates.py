@@ -3,7 +3,6 @@
 import ipaddress
 import json
 import os
-import sys
 
 import pytest
 from cryptography import x509
@@ -15,8 +14,6 @@ from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
 from mecazen.schema import Folder
 from mecazen_tools import certificates
-from mecazen_tools.cli.app import app
-from typer.testing import CliRunner
 
 
 @pytest.fixture(scope="module")
@@ -65,22 +62,11 @@ def test_keys_are_private_and_never_overwritten(folder):
     assert all(file.read_bytes() == data for file, (_, data) in files.items())
 
 
-UNREACHABLE = ["0.0.0.0", "::", "224.0.0.1", "ff02::1"]  # noqa: S104  # refused
-
-
-@pytest.mark.parametrize("host", ["", "a b", "-/", "256.1.1.1", "a..b", "*", "ä.de", *UNREACHABLE])
+@pytest.mark.parametrize("host", ["", "256.1.1.1", "a..b", "*", "ä.de", "::", "224.0.0.1"])
 def test_a_wrong_host_leaves_no_folder(tmp_path, host):
     text = error_of(MecazenError, lambda: certificates.create(tmp_path / "keys", [host]))
     assert text.startswith(f"--host {host}: ")
     assert not (tmp_path / "keys").exists()
-
-
-def test_a_missing_library_is_one_line(monkeypatch):
-    monkeypatch.delitem(sys.modules, "mecazen_tools.certificates")
-    monkeypatch.delattr("mecazen_tools.certificates")
-    monkeypatch.setitem(sys.modules, "cryptography", None)
-    error = CliRunner().invoke(app, ["keys", "create"]).exception
-    assert str(error) == "keys need the library cryptography: pip install 'mecazen[keys]'"
 
 
 @pytest.mark.parametrize("mode", ["router", "peer"])

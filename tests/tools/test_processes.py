@@ -229,16 +229,6 @@ def test_a_process_that_its_scenario_does_not_suit_is_not_started_again(restarti
     assert restarting.failure() == "misfit: no second time"
 
 
-def test_other_processes_run_while_a_restart_waits(restarting, monkeypatch):
-    monkeypatch.setattr(processes, "FIRST_PAUSE_S", 1000.0)
-    restarting.begin("works_first")
-    restarting.kill("works_first")
-    restarting.line("in 8 s")
-    restarting.begin("toy")
-    restarting.pid("toy")
-    assert restarting.stop() == []
-
-
 def test_stop_ends_all_and_names_killed_processes(supervisor, monkeypatch):
     supervisor.begin("toy", "deaf")
     pids = [supervisor.pid("toy"), supervisor.pid("deaf")]
@@ -246,16 +236,6 @@ def test_stop_ends_all_and_names_killed_processes(supervisor, monkeypatch):
     assert supervisor.stop() == ["deaf"]
     assert supervisor.stop() == []
     assert not any(map(is_running, pids))
-
-
-def test_a_process_has_a_name_a_session_and_shared_memory(supervisor):
-    supervisor.begin("toy")
-    pid = supervisor.pid("toy")
-    assert Path(f"/proc/{pid}/comm").read_text() == "toy\n"
-    assert os.getsid(pid) == pid
-    sizes = dict(re.findall(r"(\w+): +(\d+) kB", Path(f"/proc/{pid}/smaps_rollup").read_text()))
-    # a process that was started apart shares none of what is not a file's
-    assert int(sizes["Shared_Dirty"]) > int(sizes["Anonymous"]) / 3
 
 
 def test_processes_of_a_killed_fork_server_end_and_are_started_again(restarting):

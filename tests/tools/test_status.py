@@ -77,10 +77,10 @@ def status_of(reports=REPORTS, **net):
     return diagnostics.status()
 
 
-def lines_of(status, width=160):
-    console = Console(width=width, color_system=None)
+def lines_of(status):
+    console = Console(width=160, color_system=None)
     with console.capture() as capture:
-        console.print(screen(status, width))
+        console.print(screen(status, 160))
     return capture.get().splitlines()
 
 
@@ -96,25 +96,12 @@ def test_a_state_comes_from_all_reports():
     assert (physics.refused, physics.missed, physics.restarts) == (0, 3, 0)  # inf is no number
 
 
-def test_services_of_the_scenario_come_first():
-    status = status_of({"record": {}}, alive={"test", "physics", "physics/ready", "controller"})
-    states = {name: service.state for name, service in status.services.items()}
-    assert list(states.items()) == [
-        ("physics", "ready"),
-        ("controller", "alive"),
-        ("follower", "gone"),
-        ("record", "gone"),
-        ("test", "alive"),
-    ]
-
-
 @pytest.mark.parametrize(
     ("sim", "age_s", "state"),
     [
         ({}, 1.2, "ready"),  # services report every simulated second
         ({}, 1.3, "stale"),
         ({"speed": 0.1, "rtf": 0.1}, 9.0, "ready"),
-        ({"rtf": 0.0}, 1.3, "stale"),  # in the first second
         ({"paused": True}, 100.0, "ready"),
         ({"mode": "lockstep"}, 100.0, "ready"),
     ],
@@ -141,7 +128,6 @@ def test_the_screen_has_a_line_for_each_service():
         ["controller", "gone", "", "", "0", "0", "0"],
         ["follower", "ready", "odom 100  target/observation 25", "0.75", "2", "4", "2"],
     ]
-    assert not any("…" in line for width in (40, 80) for line in lines_of(status_of(), width))
 
 
 def test_the_screen_says_why_the_person_is_lost():
@@ -155,32 +141,23 @@ def test_the_screen_says_why_the_person_is_lost():
     assert head == "one: waiting: no frames from the sensor"
 
 
-@pytest.mark.parametrize(
-    ("net", "head"),
-    [
-        ({"sim": None}, "physics does not answer"),
-        ({"sim": None, "alive": ()}, "nobody simulates"),
-        (
-            {"sim": SimState(mode="lockstep", paused=True, seed=1)},
-            "t = 0.0 s  ·  paused  ·  lockstep  ·  seed 1",
-        ),
-    ],
-)
-def test_the_headline_is_the_state_of_the_clock(net, head):
-    assert lines_of(status_of(**net))[0] == head
+def test_services_of_the_scenario_come_first():
+    alive = {"test", "physics", "physics/ready", "controller"}
+    services = status_of({"record": {}}, alive=alive).services
+    states = [(name, service.state) for name, service in services.items()]
+    assert states[:3] == [("physics", "ready"), ("controller", "alive"), ("follower", "gone")]
+    assert states[3:] == [("record", "gone"), ("test", "alive")]
+    assert lines_of(status_of(sim=None))[0] == "physics does not answer"
+    assert lines_of(status_of(sim=None, alive=()))[0] == "nobody simulates"
 
 
-def test_warnings_are_shown_once_and_not_without_end():
-    ignored = {"ignored/cmd_vel": "linaer is ignored\x1b[2J"}
-    many = {f"warning/{number}": "" for number in range(1000)}
-    status = status_of({"controller": ignored, "guard": ignored})
-    assert status.warnings == ("cmd_vel: linaer is ignored\x1b[2J",)
-    assert lines_of(status)[-1] == "warning: cmd_vel: linaer is ignored\\u001b[2J"
-    assert len(status_of({"controller": many}).warnings) == command.WARNINGS
-
-
-def test_hostile_names_are_text_on_the_screen():
+def test_warnings_are_shown_once_and_hostile_names_as_text():
     hostile = "[oops] \x1b[2J\x9b\u202e"
-    lines = lines_of(status_of({hostile: {f"hz/{hostile}": "1.0"}}, sim=SimState(mode=hostile)))
-    assert "".join(lines).count("[oops]") == 3
+    ignored = {"ignored/cmd_vel": hostile, f"hz/{hostile}": "1.0"}
+    status = status_of({"controller": ignored, hostile: ignored}, sim=SimState(mode=hostile))
+    assert status.warnings == (f"cmd_vel: {hostile}",)
+    lines = lines_of(status)
+    assert lines[-1].startswith("warning: cmd_vel: [oops] ")
     assert all(line.isprintable() for line in lines)
+    many = {f"warning/{number}": "" for number in range(1000)}
+    assert len(status_of({"controller": many}).warnings) == command.WARNINGS

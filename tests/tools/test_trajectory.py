@@ -93,14 +93,6 @@ def test_a_row_counts_once_every_column_has_its_sample():
     assert (run.trajectory.done, run.trajectory.complete) == (2, True)
 
 
-def test_the_first_sample_of_a_tick_counts_and_needs_a_stamp():
-    run = Run(1)
-    run.bus.put_bytes("cmd_vel", b'{"linear":{"x":9.0}}')
-    run.tick(0)
-    run.put(keys.CMD_VEL, 0, Twist())
-    assert run.trajectory.rows()[0][-3:] == COMMAND
-
-
 def test_the_distance_error_is_the_mean_from_the_first_motion_on():
     run = Run(4)
     for tick, person in enumerate([(1.0, 0.0), (3.0, 4.0), (0.0, 0.5), (-1.0, 0.0)]):
