@@ -17,7 +17,6 @@ from mecazen_follower.control import (
     PolarTwist,
     PoseController,
     allocate,
-    approach,
     kept_view,
     pid,
 )
@@ -65,12 +64,6 @@ def walk_with(config, walk, seconds, view=ALL_AROUND):
 
 def stand(_):
     return Twist2D()
-
-
-def test_approach_is_proportional_near_and_brakes_in_time_from_afar():
-    # from afar v² = 2 * 2 m/s² * 4 m
-    for error, rate in ((0.1, 0.3), (-0.1, -0.3), (4.0, 4.0), (0.0, 0.0)):
-        assert approach(error, 3.0, 2.0) == pytest.approx(rate)
 
 
 @given(standoffs, poses, twists)

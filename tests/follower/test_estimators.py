@@ -12,13 +12,10 @@ from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen_follower.estimators import ESTIMATORS, make_estimator
 from mecazen_follower.estimators.imm import (
     IDENTITY,
-    MANOEUVRING,
     MIN_STEP,
     MODES,
     OBSERVED,
     SIZE,
-    STANDING,
-    STRAIGHT,
     TURNING,
     YAW,
     H,
@@ -329,21 +326,3 @@ def test_the_bank_agrees_with_filterpy(modes):
             assert bank.mu == pytest.approx(reference.mu, abs=1e-9)
         else:
             assert bank.nis == pytest.approx(reference.y @ reference.SI @ reference.y, abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("phases", "mode"),
-    [
-        ([(5.0, *TURN), (15.0, *STAND)], STANDING),
-        ([(5.0, *STAND), (15.0, *STROLL)], STRAIGHT),
-        ([(5.0, *STROLL), (15.0, *TURN)], TURNING),
-        ([(0.5, 1.0, turn) for _ in range(10) for turn in (3.0, -3.0)], MANOEUVRING),
-    ],
-)
-def test_the_likeliest_mode_is_how_the_person_moves(phases, mode):
-    bank, probabilities = ImmBank(MODES, SWAY, START, COVARIANCE), []
-    for z in observed(*phases):
-        bank.predict(FRAME_S)
-        bank.update(z, NOISE)
-        probabilities.append(bank.mu)
-    assert MODES[np.mean(probabilities[-125:], axis=0).argmax()] is mode  # over the last 5 s

@@ -1,20 +1,21 @@
-"""The planner in a flat world: the paths that the robot takes, and the states that it reports."""
+"""Planner and search in a flat world: the paths and looks of the robot, and its states."""
 
 import math
 from collections import deque
 
 import numpy as np
 import pytest
-from follower.rooms import BODY, DRIVE, TICK, follow, legs, planner_of, scan, standing, wall
+from follower.rooms import BODY, CAMERA, DRIVE, TICK, follow, legs, planner_of, scan, standing, wall
 from harness import SCENARIOS
 from mecazen.config import SensorConfig
 from mecazen.config.follower import PidControl
-from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
+from mecazen.geometry import Pose2D, Standoff, Twist2D
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_follower.association import Measurement
 from mecazen_follower.following import Following
 from mecazen_follower.node import make_planner
 from mecazen_follower.planner.surroundings import MEMORY_S, LocalMap
+from mecazen_follower.search import Search
 from mecazen_follower.tracker import Frame
 from msgspec.structs import replace
 
@@ -119,22 +120,6 @@ def test_a_pillar_is_passed_and_the_side_regained():
     assert all(abs(robot.distance(person) - 1.2) < 0.3 for robot, person, *_ in path)
 
 
-def test_in_a_corridor_the_robot_follows_behind():
-    front = [(3.0, side * y, 0.03) for side in (-1.0, 1.0) for y in np.arange(0.85, 2.5, 0.05)]
-    path = list(follow(14.0, wall(3.0, 6.0, 0.85) + wall(3.0, 6.0, -0.85) + front, **SIDE))
-    angles = bearings(path)
-    within = [angles[k] for k, (robot, *_) in enumerate(path) if 3.5 < robot.x < 5.5]
-    assert within
-    assert min(within) > 45.0  # nearer to behind, 90 degrees away, than to the side
-    assert "gave_up_bearing" in {state for _, _, state, _ in path}
-    assert path[-1][2] == "open"
-    assert angles[-1] == pytest.approx(0.0, abs=2.0)
-    assert min(gap for *_, gap in path) > NARROWEST + 0.05
-    for robot, person, *_ in path:  # in view all the time
-        bearing = math.atan2(person.y - robot.y, person.x - robot.x)
-        assert abs(math.degrees(wrap(bearing - robot.yaw))) < 37.5
-
-
 def test_before_a_narrow_gap_the_robot_waits():
     room = [(3.0, sign * (0.22 + 0.05 * k), 0.03) for k in range(60) for sign in (1, -1)]
     *_, (robot, person, state, _) = path = list(follow(11.0, room, **SIDE))
@@ -175,3 +160,53 @@ def test_all_are_predicted_over_the_dead_time(walkers):
         robot = robot.integrate(twist, TICK)
     # the estimate has no velocity at first
     assert set(plans[20:]) == {"open"}
+
+
+CORNER = [*wall(-2.0, 3.0, 1.0), *wall(-2.0, 5.0, -1.0)]
+CORNER += [(y, x, radius) for x, y, radius in (*wall(-1.0, 6.0, 5.0), *wall(1.0, 6.0, 3.0))]
+"""A corridor along x, 2 m wide, that turns to the left at x = 4."""
+ROOM = [*wall(-2.0, 2.0, 2.0), *wall(-2.0, 2.0, -2.0)]
+ROOM += [(y, x, radius) for x, y, radius in ROOM]
+LAST_SEEN = standing((3.0, 0.0, 0.0), (0.8, 0.0))
+
+
+def search_of(person=LAST_SEEN):
+    return Search(person, CAMERA, (BODY.length, BODY.width))
+
+
+def look_after(search, circles, robot, strangers=()):
+    search.see(scan(robot, circles, beams=720, std=0.01), robot, robot)
+    return search.look(robot, strangers)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_opening_on_the_persons_way_comes_first(side):
+    posts = [*wall(-2.0, 2.0, side), *wall(3.0, 5.0, side), *wall(-2.0, 2.0, -side)]
+    posts += [*wall(3.0, 5.0, -side), *((5.0, y, 0.03) for y in np.arange(-1.0, 1.0, 0.05))]
+    walks = standing((2.3, 0.5 * side, 0.0), (0.3, 0.5 * side))
+    look = look_after(search_of(walks), posts, Pose2D(0.8))
+    assert look.reason == "an opening"
+    assert look.way[0] > 1.2
+
+
+@pytest.mark.parametrize(
+    ("place", "strangers", "looks"),
+    [
+        ((-1.2, 0.0), (), True),
+        ((-1.2, 0.0), [(-1.3, 0.1)], False),  # known to be another person
+        ((1.2, 0.0), (), False),  # in the camera's view, and not the person
+    ],
+)
+def test_only_legs_that_may_be_the_person_are_looked_at(place, strangers, looks):
+    search = search_of(standing((0.0, 0.0, 0.0)))
+    look = look_after(search, [*ROOM, *legs(*place)], ORIGIN, strangers)
+    assert (look is not None) == looks
+    if looks:
+        assert look.reason == "something like legs"
+        assert look.way == pytest.approx(ORIGIN[:2])
+        assert math.dist(look.place, place) < 0.2
+
+
+def test_a_robot_at_a_wall_moves_away_before_it_turns():
+    look = look_after(search_of(), CORNER, Pose2D(2.5, 0.74, 1.5))
+    assert look.place == pytest.approx((2.5, 0.74))

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,6 +23,7 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen_people.curves import Lemniscate
 from mecazen_people.motion import with_gait
 from mecazen_people.paths import TwistWalk, make_path, scripted
+from mecazen_people.wander import LEAST_RADIUS_M, Kind, walker
 from people.walks import differences
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
@@ -146,20 +148,6 @@ def test_a_hard_stop_covers_v_squared_over_2a():
     assert walk.at(10.0).twist == Twist2D()
 
 
-def test_a_person_steps_back_aside_and_turns_on_the_spot():
-    steps = [
-        (2.0, Twist2D(-0.5, 0.0, 0.0)),
-        (2.0, Twist2D(0.0, 0.4, 0.0)),
-        (2.0, Twist2D(0.0, 0.0, math.pi / 2)),
-    ]
-    walk = TwistWalk(scripted(steps, 1e9, 1e9))
-    x, y, yaw = walk.at(6.1).pose
-    # of each change of the velocity half a cell has the mean of both
-    assert (x, y) == pytest.approx((-1.0, 0.8), abs=0.5 * CELL_S)
-    assert abs(yaw) == pytest.approx(math.pi, abs=math.pi / 2 * CELL_S)
-    assert walk.at(6.1).distance == pytest.approx(1.8, abs=CELL_S)
-
-
 @given(
     st.lists(
         st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)),
@@ -178,3 +166,38 @@ def test_any_waypoints_are_walked_at_constant_speed_or_refused(points):
     ends = path.at(0.0).pose[:2], path.at(path.duration).pose[:2]
     assert ends[0] == pytest.approx(points[0], abs=1e-9)
     assert ends[1] == pytest.approx(points[-1], abs=1e-9)
+
+
+WALKERS = range(20)
+SECONDS = 40.0
+
+
+def motions(number, start_after_s=0.0):
+    path = make_path(Wander(number=number, duration_s=SECONDS, start_after_s=start_after_s))
+    return [path.at(start_after_s + 0.1 * k) for k in range(round(SECONDS / 0.1))]
+
+
+def test_a_number_is_a_walker():
+    assert motions(3) == motions(3)
+    # the start shifts the cells of 5 ms by its rounding
+    assert motions(3, 1.0)[-1].pose == pytest.approx(motions(3)[-1].pose, abs=1e-3)
+    ends = {motions(number)[-1].pose for number in WALKERS}
+    assert len(ends) == len(WALKERS)
+
+
+def test_walkers_do_all_that_people_do():
+    kinds, speeds, turns = set(), [], []
+    for number in WALKERS:
+        character, plan = walker(number)
+        for _, segment in zip(range(40), plan, strict=False):
+            forward, left, turn = segment.targets
+            kinds.add(segment.kind)
+            assert math.hypot(forward, left) <= max(character.greatest, 0.6)
+            if segment.kind in (Kind.BEND, Kind.WINDING_WAY):
+                assert abs(forward / turn) >= LEAST_RADIUS_M - 1e-12
+            turns.append(turn)
+        speeds += [math.hypot(*motion.twist[:2]) for motion in motions(number)]
+    assert kinds == set(Kind)
+    assert {np.sign(turn) for turn in turns} == {-1.0, 0.0, 1.0}
+    assert min(speeds) < 0.02
+    assert 1.3 < max(speeds) < 2.0  # 1.6 and its ripple

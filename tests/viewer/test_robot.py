@@ -67,13 +67,6 @@ def test_what_turns_is_where_all_joints_below_it_put_it():
     assert turned == pytest.approx(np.array([[0.5, 0.5, 0.5, 0.5]] * 2), **near)
 
 
-def test_states_without_a_joint_of_this_robot_turn_nothing():
-    model = toy()
-    assert list(model.pose(states(wheel_joint=0.0))) == []
-    assert list(model.pose(JointState(name=("wheel_joint", "r0", "r1"), position=(0.0,)))) == []
-    assert len(list(model.pose(states(r1=0.0, r0=0.0, wheel_joint=0.0)))) == 2
-
-
 def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():
     vertices, triangles, normals = read_stl(SQUARE)
     assert len(vertices) == 4

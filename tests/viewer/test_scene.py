@@ -15,7 +15,7 @@ from mecazen.messages import ros_covariance
 from mecazen.skeleton import JOINTS, LIMBS
 from mecazen_viewer import layout
 from msgspec.structs import replace
-from viewer.drawing import Drawing, following, odometry
+from viewer.drawing import Drawing, odometry
 from viewer_stage import COVARIANCE
 
 DETECTION = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), COVARIANCE)
@@ -72,16 +72,6 @@ def test_observations_disappear_one_by_one(drawing):
         drawing.put(keys.OBSERVATION, message, 100 * step)
     counts = [len(points) for points in drawing.end().all(layout.OBSERVATION, POINTS)]
     assert counts == [1, 2, 1, 0, 0]
-
-
-def test_estimate_goal_and_ellipse_have_marks(drawing):
-    for ms in (0, 100):
-        drawing.put(keys.FOLLOWER_STATE, following(Pose2D(), Pose2D(-0.9)), ms)
-    content = drawing.end()
-    assert content.pose(layout.GOAL) == pytest.approx((-0.9, 0.0, 0.0), abs=1e-6)
-    for frame in (layout.ESTIMATE, layout.GOAL):
-        assert len(content.all(f"{frame}/arrow", "Arrows3D:vectors")) == 1
-    assert len(content.all(f"{layout.ESTIMATE_ELLIPSE}/outline", STRIPS)) == 1
 
 
 def test_pedestrians_are_drawn_unless_a_robot_follows_them(drawing):
