@@ -67,7 +67,7 @@ def stand(_):
 
 
 @given(standoffs, poses, twists)
-def test_at_the_goal_it_moves_exactly_with_the_goal(standoff, person, velocity):
+def test_robot_at_its_goal_moves_with_the_goal(standoff, person, velocity):
     goal = standoff.goal(person)
     goal_velocity = standoff.goal_velocity(person, velocity)
     # beyond the limits nothing would be exact: 5 m/s each way, and 5 rad/s times 10 m
@@ -78,7 +78,7 @@ def test_at_the_goal_it_moves_exactly_with_the_goal(standoff, person, velocity):
 
 @given(st.floats(1.0, 3.0), angles, angles)
 @example(2.0, 0.0, math.pi)
-def test_from_all_sides_it_comes_to_the_goal_and_never_near_the_person(distance, bearing, yaw):
+def test_robot_reaches_its_goal_around_the_person(distance, bearing, yaw):
     start = Pose2D(distance * math.cos(bearing), distance * math.sin(bearing), yaw)
     for person, robot in follow(make(), BACK, start, 8.0, stand):
         assert person.distance(robot) > 0.8
@@ -86,7 +86,7 @@ def test_from_all_sides_it_comes_to_the_goal_and_never_near_the_person(distance,
     assert robot == pytest.approx(BACK.goal(Pose2D()), abs=1e-3)
 
 
-def test_the_distance_is_kept_from_a_person_who_spins_fast():
+def test_distance_to_a_spinning_person_is_kept():
     start = BACK.goal(Pose2D())
     steps = list(follow(make(), BACK, start, 10.0, lambda _: Twist2D(yaw=3.0), acceleration=2.5))
     bearings = [BACK.errors(person, robot).bearing for person, robot in steps]
@@ -99,7 +99,7 @@ def test_the_distance_is_kept_from_a_person_who_spins_fast():
 
 
 @pytest.mark.parametrize("view", ["back", "side_left"])
-def test_a_camera_of_70_degrees_keeps_a_person_who_turns(view):
+def test_narrow_camera_keeps_a_turning_person_in_view(view):
     config = FollowerConfig(view=view)
 
     def walking(time):
@@ -151,7 +151,7 @@ def test_a_step_stays_within_all_limits(target, direction, x, y, yaw, turns_firs
         assert low - 1e-9 <= value <= high + 1e-9
 
 
-def test_a_pid_adds_terms_and_does_not_wind_up():
+def test_pid_adds_terms_without_windup():
     gains = Gains(kp=2.0, ki=0.5, kd=0.1, limit=10.0)
     # 0.3 + 2 * 1 + 0.5 * 1 * 0.2 + 0.1 * -4; then the integral alone
     output, integral = pid(gains, 1.0, -4.0, 0.0, 0.2, 0.3)
@@ -212,7 +212,7 @@ def test_derivative_is_the_rate_of_the_error(goals, robots, expected):
     assert twist == pytest.approx(expected, abs=3e-5)
 
 
-def test_stop_is_at_rest_and_forgets_integrals_and_motion():
+def test_stop_resets_integrals_and_motion():
     control = controller(kp=0.0, ki=1.0, kd=1.0)
     for tick in range(100):
         control.command(Pose2D(5.0, 5.0, 1.0), Twist2D(), Pose2D(tick * DT, 0.0, 0.0), DT)

@@ -205,7 +205,7 @@ def test_the_displacement_filter_takes_motion_for_the_yaw(velocity, yaw, expecte
         ("kf_cv", {"acceleration_std_m_s2": 1e-6}, 0.1, 2 / 3),
     ],
 )
-def test_a_linear_filter_corrects_by_the_gain_computed_by_hand(name, params, after_s, speed):
+def test_linear_filter_has_the_gain_computed_by_hand(name, params, after_s, speed):
     estimator = make(name, **params)
     estimator.update(Pose2D(), NOISE)
     estimator.predict(after_s)
@@ -248,7 +248,7 @@ variances = st.tuples(*[st.floats(0.0, 9.0)] * SIZE)
 
 
 @given(states, times, st.floats(0.0, 5.0))
-def test_the_motion_is_the_exponential_map_with_its_derivative(state, dt, fading):
+def test_motion_is_the_exponential_map(state, dt, fading):
     x, y, yaw, v, w = state.tolist()
     pose = Pose2D(x, y, yaw).integrate(Twist2D(v, 0.0, w), dt)
     moved, _ = ctrv(state, dt)
@@ -265,7 +265,7 @@ def test_the_motion_is_the_exponential_map_with_its_derivative(state, dt, fading
 
 
 @given(variances, st.floats(-math.pi, math.pi), times)
-def test_process_noise_at_rest_is_the_integral_of_white_noise(variances, yaw, dt):
+def test_process_noise_at_rest_integrates_white_noise(variances, yaw, dt):
     # at v = w = 0 the model is linear
     state = np.array([0.0, 0.0, yaw, 0.0, 0.0])
     _, *densities = variances

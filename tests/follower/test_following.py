@@ -49,7 +49,7 @@ def turns_around(yaw_std_deg, seconds):
     return abs(robot.y)
 
 
-def test_a_robot_waits_until_the_heading_of_who_stands_is_known():
+def test_robot_waits_until_the_heading_is_known():
     # of 68 degrees, one in 4 frames is enough for 34 degrees, and 8 for 25: 0.3 s
     assert turns_around(68.0, 0.25) < 0.01
     assert turns_around(68.0, 3.0) > 0.5
@@ -201,7 +201,7 @@ def mean_error(*, response=0.0, robot_delay=0.0, noise=0.0, **sensor):
     return np.mean(errors[round(5.0 / DT) :])
 
 
-def test_on_a_circle_delays_of_robot_and_sensor_are_compensated():
+def test_delays_of_robot_and_sensor_are_compensated():
     # what is left of the start after 5 s at 3 per s, and then some for the delay. Uncompensated,
     # 0.2 s at 0.5 m/s are 0.1 m, and the goal 1 m behind swings by as much again: 0.14 m
     assert mean_error(robot_delay=0.2, response=0.2) < 1e-3

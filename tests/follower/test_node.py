@@ -87,7 +87,7 @@ def estimate_of(state):
     return state.estimate[0].pose.pose.to_planar()
 
 
-def test_a_person_seen_from_base_link_is_placed_in_odom():
+def test_detection_in_base_link_is_placed_in_odom():
     follower = Follower()
     # The robot at (1, 2) looks along y; it sees the person 2 m ahead and 1 m to the left,
     # turned by 90° to the left: in odom at (1 - 1, 2 + 2), looking back along x.
@@ -187,7 +187,7 @@ def test_a_robot_with_lidar_and_camera_searches(kind, search_s, tracking, plan):
 
 
 @pytest.mark.parametrize("latency", [3, 600])  # 6 s: longer than odometry is kept otherwise
-def test_a_late_frame_is_placed_by_the_pose_at_its_capture(latency):
+def test_late_frame_uses_the_pose_at_capture(latency):
     follower = Follower(latency_s=0.01 * latency)
     for tick in range(20, latency + 20):
         robot = Pose2D(0.01 * tick)
@@ -198,7 +198,7 @@ def test_a_late_frame_is_placed_by_the_pose_at_its_capture(latency):
     assert estimate_of(state) == pytest.approx((2.21, 0.0, 0.0))
 
 
-def test_a_refused_frame_is_as_if_none_had_come():
+def test_refused_frame_changes_nothing():
     refusing, unseeing = Follower(estimator="imm"), Follower(estimator="imm")
     for follower in (refusing, unseeing):
         follower.tick(0, person=AHEAD)
@@ -211,7 +211,7 @@ def test_a_refused_frame_is_as_if_none_had_come():
 
 
 @pytest.mark.parametrize("jump", [Pose2D(5.0, 5.0, 0.0), Pose2D(0.0, 0.0, math.pi / 2)])
-def test_when_the_odometry_jumps_the_person_is_sought_again(jump):
+def test_odometry_jump_resets_the_track(jump):
     follower = Follower(estimator="kf_cv")
     for tick in range(0, 41, 4):
         follower.tick(tick, person=AHEAD)
@@ -235,7 +235,7 @@ def test_legs_start_a_track_only_without_a_camera(kind, tracking):
     assert state.tracking == tracking
 
 
-def test_missed_ticks_are_made_up_for_unless_they_are_long():
+def test_short_gaps_of_ticks_are_integrated():
     follower = Follower(control=PidControl(x=LinearGains(kp=1.0, ki=1.0, limit=2.0)))
     for tick in (1000, 2000):
         command, _ = follower.tick(tick, person=AHEAD)
@@ -246,7 +246,7 @@ def test_missed_ticks_are_made_up_for_unless_they_are_long():
     assert command.x == pytest.approx(0.5 + 0.5 * 0.04)
 
 
-def test_after_a_long_gap_and_in_a_new_run_all_is_as_new():
+def test_long_gap_and_new_run_reset_all_state():
     planner = PlannerConfig(samples=100)
     used, new = (Follower(estimator="imm", control=PolarControl(), planner=planner) for _ in "ab")
     late = 2**31 * 100 - 60  # near the latest time: no estimator may go there step by step
@@ -320,7 +320,7 @@ def test_a_wrong_setting_is_one_clear_line(settings, line):
         FollowerNode(Scenario(robot=NEXUS, follower=msgspec.convert(settings, FollowerConfig)))
 
 
-def test_settings_that_a_users_follower_does_not_read_are_refused(tmp_path):
+def test_settings_without_effect_are_refused(tmp_path):
     (tmp_path / "my.py").write_text(
         "from mecazen.node import Node, Row\n"
         "class Blind(Node):\n"
@@ -383,7 +383,7 @@ def test_a_tick_with_a_frame_waits_for_both():
     assert samples[0].stamp == rig.at(4)
 
 
-def test_after_a_restart_of_the_controller_the_person_is_sought_again():
+def test_controller_restart_resets_the_track():
     rig = OnBus("kf_cv")
     rig.odom(0)
     assert answer_of(rig.frame(0, AHEAD))[0] == pytest.approx(AHEAD)

@@ -46,7 +46,7 @@ def skeleton(pose: Pose2D, hidden=(), std: float = 0.01) -> Skeleton:
     return Skeleton(id="7", joints=tuple(joints), std=(std,) * len(JOINTS), confidence=confidence)
 
 
-def test_a_body_without_noise_is_where_it_stands_and_faces():
+def test_noiseless_skeleton_gives_the_exact_pose():
     for yaw_deg, std in ((0.0, 0.01), (179.0, 0.01), (-135.0, 0.0)):
         pose = Pose2D(1.5, -0.4, math.radians(yaw_deg))
         estimate, covariance = pose_of(skeleton(pose, std=std))

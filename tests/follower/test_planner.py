@@ -84,7 +84,7 @@ def test_in_open_space_the_command_is_unchanged(control):
     assert planner.plan == ("open", "")
 
 
-def test_the_plan_names_the_obstacle_until_it_is_forgotten():
+def test_plan_names_the_obstacle_until_reset():
     def command():
         _, planner = planner_of()
         person = standing((1.0, 0.0, 0.0), (0.5, 0.0))
@@ -197,7 +197,7 @@ def test_the_opening_on_the_persons_way_comes_first(side):
         ((1.2, 0.0), (), False),  # in the camera's view, and not the person
     ],
 )
-def test_only_legs_that_may_be_the_person_are_looked_at(place, strangers, looks):
+def test_search_looks_at_plausible_legs_only(place, strangers, looks):
     search = search_of(standing((0.0, 0.0, 0.0)))
     look = look_after(search, [*ROOM, *legs(*place)], ORIGIN, strangers)
     assert (look is not None) == looks
@@ -207,6 +207,6 @@ def test_only_legs_that_may_be_the_person_are_looked_at(place, strangers, looks)
         assert math.dist(look.place, place) < 0.2
 
 
-def test_a_robot_at_a_wall_moves_away_before_it_turns():
+def test_robot_at_a_wall_moves_before_it_turns():
     look = look_after(search_of(), CORNER, Pose2D(2.5, 0.74, 1.5))
     assert look.place == pytest.approx((2.5, 0.74))

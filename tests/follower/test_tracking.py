@@ -76,7 +76,7 @@ def test_two_who_walk_abreast_are_never_swapped(ids):
 
 
 @pytest.mark.parametrize(("aside", "ids"), [(0.7, ()), (2.0, ("1",))], ids=["near", "same id"])
-def test_a_stranger_in_place_of_the_person_is_not_followed(aside, ids):
+def test_stranger_in_place_of_the_person_is_rejected(aside, ids):
     frames, begin, end = Frames(), 100, 150
     for number in range(300):
         is_hidden = begin <= number < end
@@ -86,7 +86,7 @@ def test_a_stranger_in_place_of_the_person_is_not_followed(aside, ids):
     assert frames.tracker.state == "following"
 
 
-def test_a_person_who_is_elsewhere_is_followed_in_the_end():
+def test_displaced_person_is_followed_after_a_while():
     frames = Frames()
     for number in range(400):
         estimate = frames.see(number, person_at(number, 0.0 if number < 100 else 1.5))
@@ -94,7 +94,7 @@ def test_a_person_who_is_elsewhere_is_followed_in_the_end():
     assert estimate.pose.distance(person_at(399, 1.5)) < 0.1
 
 
-def test_a_person_who_stopped_out_of_sight_is_followed():
+def test_person_who_stopped_out_of_sight_is_followed():
     frames, begin, end = Frames(), 100, 150
     for number in range(end + round(0.5 / FRAME_S)):  # 0.3 s of doubt, and 0.2 s to spare
         shown = [] if begin <= number < end else [person_at(min(number, begin + 5))]
@@ -103,7 +103,7 @@ def test_a_person_who_stopped_out_of_sight_is_followed():
     assert error(estimate, begin + 5) < 0.2
 
 
-def test_a_thing_that_hides_the_person_is_not_followed():
+def test_obstacle_before_the_person_is_not_followed():
     frames, thing = Frames(), Pose2D(2.0, 0.0)
     for number in range(200):
         # hidden for 1.4 s, less than the 2 s after which the person would be lost
@@ -129,7 +129,7 @@ def test_a_heading_that_stays_reversed_is_believed(first, change):
     assert abs(wrap(estimate.pose.yaw - yaw)) < math.radians(6.0)
 
 
-def test_a_heading_is_flipped_only_if_that_is_likelier():
+def test_heading_is_flipped_only_if_likelier():
     sharp, blunt = math.radians(7.0) ** 2, math.radians(65.0) ** 2
     assert is_flipped(math.radians(170.0), sharp)
     assert not is_flipped(math.radians(80.0), sharp)
@@ -155,7 +155,7 @@ SURE = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01))
 BLIND = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, NO_HEADING))
 
 
-def test_legs_wait_for_camera_frames_and_do_not_change_the_heading():
+def test_legs_wait_for_camera_and_keep_the_heading():
     tracker = tracker_of(0.1)
     tracker.step(0.1, Frame(0.0, [Measurement(PLACE, SURE)]), PLACE)
     moved = Pose2D(1.2, 0.0, -2.0)
@@ -166,7 +166,7 @@ def test_legs_wait_for_camera_frames_and_do_not_change_the_heading():
     assert after.yaw == pytest.approx(0.2, abs=1e-3)
 
 
-def test_a_heading_that_is_never_seen_is_guessed_from_the_goal():
+def test_unobserved_heading_is_guessed_from_the_goal():
     person = tracker_of().step(0.0, Frame(0.0, [Measurement(PLACE, BLIND)]), Pose2D(1.0, 0.0, 1.0))
     assert person.pose.yaw == pytest.approx(1.0)
     assert math.degrees(math.sqrt(person.covariance[2][2])) == pytest.approx(45.0)
@@ -185,7 +185,7 @@ def ratios(position, yaw, frames=500, period=FRAME_S, acceleration=0.0):
     return corrected[0][0] / NOISE[0][0], corrected[2][2] / NOISE[2][2]
 
 
-def test_the_noise_of_a_sensor_is_learnt_if_it_is_above_the_reported():
+def test_noise_above_the_reported_is_learnt():
     # a memory of 5 s holds 250 frames, whose second differences are worth 130: two deviations
     # of the variance are a quarter of it
     assert ratios(2.0, 1.0) == pytest.approx((4.0, 1.0), rel=0.3)

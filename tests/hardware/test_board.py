@@ -52,7 +52,7 @@ def test_wheel_speeds_become_their_twist(board):
 
 
 @given(st.tuples(*[st.floats(-1e6, 1e6)] * 4))
-def test_no_wheel_is_cut_and_the_direction_is_kept(speeds):
+def test_limited_speeds_keep_the_direction(speeds):
     sent, made = RosmasterX3(HardwareConfig(), ROBOT).drive(WheelSpeeds(*speeds))
     x, y, yaw = twist_of(sent)
     assert abs(x) + abs(y) + 0.164555 * abs(yaw) < 1.0  # where the firmware cuts
@@ -78,7 +78,7 @@ def test_reports_are_in_si_units_and_mecazens_order(board):
     assert report.force == pytest.approx((0.0, 0.0, 9810 / 1671.84))
 
 
-def test_a_robot_with_other_gears_turns_by_its_own_counts():
+def test_other_gears_have_other_counts():
     board = RosmasterX3(HardwareConfig(counts_per_turn=1350), ROBOT)
     (report,) = board.feed(counts(1350, 0, 0, 0))
     assert report.angles[0] == pytest.approx(math.tau)

@@ -22,7 +22,7 @@ def run(*arguments, answers=""):
     return CliRunner().invoke(app, arguments, input=answers, standalone_mode=False)
 
 
-def test_a_probe_shows_the_board_and_turns_no_motor():
+def test_probe_shows_the_board_without_motion():
     with emulated() as emulator:
         shown = run("probe", "--port", emulator.line.name).stdout
         assert "ROSMASTER X3, firmware 3.5" in shown

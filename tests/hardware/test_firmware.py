@@ -33,7 +33,7 @@ def run(board, ms, measured=Instruments(volts=VOLTS)):  # noqa: B008  # immutabl
     return [sent for _ in range(ms) if (sent := board.millisecond(measured))]
 
 
-def test_reports_repeat_every_41_ms_in_the_vendors_scales():
+def test_reports_have_the_vendors_period_and_scales():
     turn, half = (0.5, -0.25, 0.125), (0.1, -0.2, math.pi)
     measured = Instruments((math.tau, 0.0, -math.pi, 0.0), 11.97, turn, (0.0, 0.0, 9.81), half)
     sent = run(Firmware(), 3 * CYCLE_MS, measured)
@@ -64,7 +64,7 @@ def test_requests_are_answered_in_the_next_millisecond(payload, answer):
     assert b"".join(run(board, 2)).hex() == answer
 
 
-def test_a_twist_becomes_rim_speeds_each_cut_by_itself():
+def test_twist_becomes_limited_rim_speeds():
     board = Firmware()
     take(board, motion(500, 200, 1000))
     turn = 164.555
@@ -90,7 +90,7 @@ def test_zero_motion_and_a_reset_brake(stop):
     assert board.duty == [0.0] * 4
 
 
-def test_a_duty_holds_until_a_motion_starts_the_loop():
+def test_duty_holds_until_the_next_motion():
     board = Firmware()
     take(board, frame(0x10, struct.pack("<4b", 10, -10, 0, 100)))
     assert board.duty == pytest.approx([0.5, -0.5, None, 1.0], nan_ok=True)
@@ -110,7 +110,7 @@ def test_the_loop_reaches_a_speed():
     assert speed * 32.5 == pytest.approx(500, abs=16)
 
 
-def test_frames_that_the_board_can_not_take_are_lost():
+def test_malformed_and_hurried_frames_are_lost():
     board = Firmware()
     take(board, b"\xff" + motion(500))  # a repeated first byte
     take(board, motion(500)[:-1] + b"\x00")  # a wrong sum
@@ -125,7 +125,7 @@ def test_frames_that_the_board_can_not_take_are_lost():
 @pytest.mark.parametrize(
     ("volts", "latches"), [(9.5, True), (13.1, True), (8.0, False), (12.0, False)]
 )
-def test_a_bad_supply_for_2_s_switches_the_motors_off(volts, latches):
+def test_bad_supply_switches_the_motors_off(volts, latches):
     board = Firmware()
     take(board, motion(500))
     run(board, 1900, Instruments(volts=volts))
@@ -140,7 +140,7 @@ def test_a_bad_supply_for_2_s_switches_the_motors_off(volts, latches):
         assert board.goal == [500.0] * 4
 
 
-def test_a_motor_has_the_torques_of_its_data_sheet():
+def test_motor_has_the_torques_of_its_data_sheet():
     assert motor_torque(BREAK_AWAY_V - 0.1, 0.0)[0] == 0.0
     assert motor_torque(BREAK_AWAY_V + 0.1, 0.0)[0] > 0.0 > motor_torque(-6.0, 0.0)[0]
     stall, current = motor_torque(12.0, 0.0)
@@ -151,7 +151,7 @@ def test_a_motor_has_the_torques_of_its_data_sheet():
     assert motor_torque(0.0, 20.0)[0] < motor_torque(None, 20.0)[0] < 0.0
 
 
-def test_a_duty_drives_the_robot_in_physics_and_costs_voltage():
+def test_duty_drives_the_robot_and_costs_voltage():
     world = EmulatedWorld(load(SCENARIOS / "back.toml", ("start.x_m=-3.0",)))
     for _ in range(100):
         world.step([0.7, 0.7, 0.7, 0.7])
@@ -165,7 +165,7 @@ def test_a_duty_drives_the_robot_in_physics_and_costs_voltage():
     assert world.measured.attitude[2] < -0.1
 
 
-def test_the_vendors_frames_drive_a_board_on_a_port():
+def test_vendors_frames_drive_the_board():
     """The bytes are those that the vendor's library was seen to send."""
     with emulated() as emulator, serial.Serial(emulator.line.name, 115200, timeout=1.0) as port:
         port.write(bytes.fromhex("FFFC04220127"))  # its constructor's first frame

@@ -76,7 +76,7 @@ def test_the_motors_stop_however_the_driver_ends(end):
             process.send_signal(end)
 
 
-def test_the_newest_of_frames_in_quick_succession_is_sent(monkeypatch):
+def test_newest_of_frequent_frames_is_sent(monkeypatch):
     with emulated() as emulator, linked(emulator) as link:
         assert link.identity.name == "ROSMASTER X3, firmware 3.5"
         written, write = [], link.port.write
@@ -111,7 +111,7 @@ def test_without_its_keeper_the_driver_stops_and_ends():
         until(lambda: not any(emulator.firmware.goal))
 
 
-def test_a_keeper_stops_the_motors_after_silence_and_at_the_end():
+def test_keeper_stops_the_motors_after_silence():
     received, beat = os.pipe()
     board, port = os.pipe()
     stops = []
@@ -181,7 +181,7 @@ def test_a_board_of_another_car_is_named(monkeypatch):
         assert not emulator.firmware.driving
 
 
-def test_a_port_that_is_unplugged_in_mid_run_is_one_error():
+def test_unplugged_port_is_one_error():
     with emulated() as emulator:
         link = Link(HardwareConfig(port=emulator.line.name), ROBOT)
         drive_for(0.3, link)

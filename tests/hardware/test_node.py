@@ -152,7 +152,7 @@ def test_the_emergency_stop_holds_until_it_is_released():
         until(lambda: not any(emulator.firmware.goal))
 
 
-def test_a_low_battery_stops_the_motors_before_the_board_does():
+def test_low_battery_stops_the_motors():
     with emulated() as emulator, running(emulator) as run:
         run.drive(0.3, AHEAD)
         emulator.world.battery_v = 9.0
@@ -162,7 +162,7 @@ def test_a_low_battery_stops_the_motors_before_the_board_does():
         assert "battery was at 9.0 V" in run.health["warning/motors"]
 
 
-def test_a_silent_board_is_told_to_stop_and_given_up():
+def test_silent_board_stops_the_motors_and_driver():
     with emulated() as emulator, running(emulator) as run:
         run.drive(0.5, AHEAD)
         emulator.line.is_silent = True

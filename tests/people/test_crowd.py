@@ -30,7 +30,7 @@ def errand(x, goal, speed=1.3):
     return Errand(Pose2D(x, 0.0, yaw), (goal,), False, speed)
 
 
-def test_who_is_alone_reaches_the_goal_at_the_preferred_speed_and_stands_there():
+def test_single_pedestrian_reaches_the_goal_and_stands():
     places = walk([errand(0.0, (8.0, 0.0))], 12.0)
     # after 5 s: the speed relaxes within 0.5 s, so that 0.65 m are lost
     assert places[249][0].x == pytest.approx(1.3 * 5.0 - 0.65, abs=0.05)
@@ -38,14 +38,14 @@ def test_who_is_alone_reaches_the_goal_at_the_preferred_speed_and_stands_there()
     assert places[-1][0].distance(places[-50][0]) < 0.05
 
 
-def test_two_who_meet_head_on_pass_each_other_and_do_not_touch():
+def test_two_pedestrians_pass_head_on_without_contact():
     places = walk([errand(0.0, (8.0, 0.0)), errand(8.0, (0.0, 0.0))], 10.0)
     assert min(a.distance(b) for a, b in places) > 2 * RADIUS_M
     assert places[-1][0].distance(Pose2D(8.0, 0.0)) < 0.6
     assert places[-1][1].distance(Pose2D(0.0, 0.0)) < 0.6
 
 
-def test_a_robot_is_walked_round_whether_it_stands_or_comes():
+def test_pedestrian_avoids_standing_and_moving_robots():
     for speed in (0.0, -0.5):
 
         def robot(t, speed=speed):
@@ -60,7 +60,7 @@ def test_a_robot_is_walked_round_whether_it_stands_or_comes():
         assert places[-1][0].x > 7.0
 
 
-def test_a_crowd_keeps_clear_of_a_wall_and_of_each_other():
+def test_crowd_keeps_clear_of_walls_and_neighbours():
     wall = Box(size_m=(1.0, 0.2, 2.0), position_m=(0.0, 0.0))
     places = walk(random_errands(AREA, 3, (), [wall]), 20.0, obstacles=[wall])
     for now in places:
@@ -72,7 +72,7 @@ def test_a_crowd_keeps_clear_of_a_wall_and_of_each_other():
     assert near > 1.5 * RADIUS_M
 
 
-def test_those_who_are_drawn_begin_clear_of_others_and_the_same_for_the_same_seed():
+def test_random_starts_are_clear_and_repeatable():
     errands = random_errands(AREA, 3, [(0.0, 0.0)], ())
     starts = [Pose2D(), *(one.start for one in errands)]
     assert all(a.distance(b) >= CLEAR_M for a, b in combinations(starts, 2))
@@ -82,7 +82,7 @@ def test_those_who_are_drawn_begin_clear_of_others_and_the_same_for_the_same_see
     assert all(0.3 <= speed <= 1.34 + 4 * 0.26 for speed in speeds)
 
 
-def test_a_goal_back_and_forth_is_walked_again_and_again():
+def test_goal_back_and_forth_is_repeated():
     there = errand_of(Goal(goal_m=(3.0, 0.0), back_and_forth=True))
     places = [now[0].x for now in walk([there], 15.0)]
     far = [x > 2.6 for x in places]

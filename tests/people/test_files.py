@@ -80,7 +80,7 @@ def steps_of(speed, period, seconds):
     return np.degrees(np.concatenate(sides, axis=1))
 
 
-def test_a_pause_and_a_kick_before_a_recorded_walk_do_not_change_it(tmp_path):
+def test_pause_and_kick_do_not_change_the_gait(tmp_path):
     steps = steps_of(1.1, 1.2, 12.0)
     before = np.tile([10.0, 5.0, 0.0, 10.0, 5.0, 0.0], (400, 1))
     before[100:160, 3] += 90.0 * np.sin(np.linspace(0.0, np.pi, 60))  # the right leg's

@@ -73,7 +73,7 @@ def test_u_track_is_the_papers(t, pose, twist):
     assert motion.twist == pytest.approx(twist, abs=1e-12)
 
 
-def test_waypoints_are_passed_in_order_and_the_last_is_held():
+def test_waypoints_are_passed_in_order():
     path = make_path(Waypoints(points_m=POINTS, speed_m_s=1.0))
     walked = [path.at(0.001 * k).pose for k in range(round(path.duration * 1000) + 2)]
     nearest = [
@@ -86,7 +86,7 @@ def test_waypoints_are_passed_in_order_and_the_last_is_held():
     assert path.at(path.duration + 9.0).twist == Twist2D()
 
 
-def test_a_person_turns_at_the_end_and_walks_back():
+def test_person_turns_at_the_end_and_returns():
     path = make_path(Straight(length_m=2.0, speed_m_s=0.5, start_after_s=1.0, back_and_forth=True))
     assert path.duration == math.inf
     # 4 s there, 2 s of turning to the left, 4 s back, 2 s of turning
@@ -118,7 +118,7 @@ def test_twist_is_the_derivative_of_the_pose(name):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_lemniscate_has_its_known_length_width_and_curvature(side):
+def test_lemniscate_has_its_known_length_and_curvature(side):
     curve = Lemniscate(2.0, side)
     half = 2.622057554292119  # the lemniscate constant: half the length at half width 1
     assert curve.at(half)[0] == pytest.approx((0.0, 0.0, -side * math.pi / 2), abs=1e-12)
@@ -129,7 +129,7 @@ def test_a_lemniscate_has_its_known_length_width_and_curvature(side):
     assert curvature == pytest.approx(side * 3.0, abs=1e-9)
 
 
-def test_gait_sways_once_a_stride_and_pulses_once_a_step():
+def test_gait_sways_each_stride_and_pulses_each_step():
     path = make_path(Straight(speed_m_s=1.0))
     steps = [with_gait(path.at(t), GAIT) for t in (0.0, 0.25, 0.5, 0.75, 1.0)]
     # Left over one foot, right over the other; fastest as the feet change.
@@ -156,7 +156,7 @@ def test_a_hard_stop_covers_v_squared_over_2a():
         unique_by=lambda p: (round(p[0], 1), round(p[1], 1)),
     )
 )
-def test_any_waypoints_are_walked_at_constant_speed_or_refused(points):
+def test_any_waypoints_are_walked_or_refused(points):
     try:
         path = make_path(Waypoints(points_m=tuple(points), speed_m_s=1.0))
     except ConfigError as error:

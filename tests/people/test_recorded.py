@@ -86,7 +86,7 @@ def test_heading_on_a_circle_is_the_tangent():
         assert math.hypot(pose.x, pose.y) == pytest.approx(radius - 0.0133, abs=2e-4)
 
 
-def test_heading_is_held_while_the_person_stands_and_turns_as_they_set_off():
+def test_heading_is_held_while_the_person_stands():
     track = walk_and_stand((6.0, 1.0, 0.0), (6.0, 0.0, 0.0), (6.0, 1.0, 2.5))
     # The means begin to move 0.4 s before the samples do.
     assert {track.at(t).pose.yaw for t in (6.5, 7.0, 9.0, 11.0, 11.5)} == {0.0}
@@ -95,7 +95,7 @@ def test_heading_is_held_while_the_person_stands_and_turns_as_they_set_off():
     assert track.at(14.0).twist.x == pytest.approx(1.0)
 
 
-def test_jitter_of_a_standing_person_does_not_turn_them():
+def test_jitter_does_not_turn_a_standing_person():
     jitter = [(0.02, 0.0), (-0.02, 0.01), (0.0, -0.02), (0.01, 0.02), (-0.01, 0.0)]
     standing = [(4.0 + 0.4 * k, 4.0 + jitter[k % 5][0], jitter[k % 5][1]) for k in range(50)]
     track = recorded([*((0.4 * k, 0.4 * k, 0.0) for k in range(10)), *standing])
@@ -111,7 +111,7 @@ def test_jitter_of_a_standing_person_does_not_turn_them():
         max_size=15,
     )
 )
-def test_any_track_has_a_continuous_heading_that_turns_only_in_walking(steps):
+def test_heading_of_any_track_is_continuous(steps):
     samples = [(0.0, 0.0, 0.0)]
     for dt, dx, dy in steps:
         t, x, y = samples[-1]

@@ -51,7 +51,7 @@ def test_standing_feet_do_not_skate(walker, path, seconds):
     assert slip(walk(walker, path, seconds)) < 0.0005
 
 
-def test_standing_foot_touches_the_ground_and_nothing_is_below_it(walker):
+def test_standing_foot_touches_the_ground(walker):
     postures = drive(
         walker, (3, 1.2, 0.0, 0.3), (2, -0.4, 0.2, 0.0), (2, 0.0, 0.0, 1.0), (2, 0, 0, 0)
     )
@@ -133,7 +133,7 @@ def test_person_who_turns_on_the_spot_steps_around(walker):
     assert slip(postures) < 0.0005
 
 
-def test_strides_vary_as_much_as_they_should_and_standing_feet_still_do_not_skate():
+def test_varied_strides_have_their_deviation_without_skating():
     path = Straight(speed_m_s=1.2, length_m=1000.0)
     varied, plain = WalkingPerson(Body(stride_cv=0.02)), WalkingPerson(Body())
     postures = walk(varied, path, 120.0)
@@ -149,7 +149,7 @@ def test_strides_vary_as_much_as_they_should_and_standing_feet_still_do_not_skat
     assert abs(np.array(regular)[:, 0] - joint(postures[: len(regular)], "pelvis")).max() < 0.05
 
 
-def test_the_seed_draws_the_strides_and_without_variation_changes_no_bit():
+def test_seed_changes_only_varied_strides():
     def bits(cv, *seed):
         walker = WalkingPerson(Body(stride_cv=cv))
         walker.reset(PersonMotion(Pose2D()), *seed)
@@ -237,7 +237,7 @@ def test_shuffle_makes_short_steps_at_a_high_cadence():
     assert len(shuffled) == pytest.approx(2 * len(normal), abs=2)
 
 
-def test_small_person_makes_shorter_steps_of_the_same_shape():
+def test_small_person_makes_shorter_similar_steps():
     child = WalkingPerson(Body(height_m=1.2))
     # same Froude number: same angles, lengths as the heights
     slow = walk(child, Straight(speed_m_s=0.8, length_m=100.0), 14.0)

@@ -21,7 +21,7 @@ from physics_rig import Rig, masses, wheel_speeds
     ("name", "dt_s", "speed"),
     [("nexus", 0.005, 1.0), ("artbul", 0.001, 0.3), ("slant", 0.005, 1.0)],
 )
-def test_the_base_of_a_robot_on_round_wheels_neither_rises_nor_leans(name, dt_s, speed):
+def test_base_on_round_wheels_stays_level(name, dt_s, speed):
     robot = load_robot(name)
     rig = Rig(robot, dt_s=dt_s)
     directions = wheel_speeds(robot, Twist2D(0.6 * speed, 0.3 * speed, 0.4 * speed))
@@ -33,7 +33,7 @@ def test_the_base_of_a_robot_on_round_wheels_neither_rises_nor_leans(name, dt_s,
         assert (*state.angular[:2], state.linear[2]) == pytest.approx((0.0,) * 3, abs=1e-9)
 
 
-def test_a_robot_whose_load_tips_it_over_is_not_held_down(nexus):
+def test_high_load_tips_the_robot_over(nexus):
     # its wheels stop at 1.5 m/s, with 30 kg 1.2 m up
     load = Payload(mass_kg=30.0, position_m=(0.0, 0.0, 1.2), size_m=(0.2, 0.2, 0.2))
     leans = []
@@ -61,7 +61,7 @@ def test_a_robot_stands_still_when_its_wheels_do(robot):
     assert math.hypot(*rig.state().angular) < 2e-5
 
 
-def test_every_wheel_keeps_its_contact_up_to_the_highest_speed(nexus):
+def test_wheels_keep_contact_at_the_highest_speed(nexus):
     rig, fastest = Rig(nexus, dt_s=0.005), nexus.wheels.max_speed_rad_s
     for tick in range(300):
         rig.advance([min(1.0, tick / 150) * side * fastest for side in (0.7, 1.0, 0.7, 1.0)], 1)
@@ -122,7 +122,7 @@ def test_each_wheel_carries_its_share_of_the_load(robot):
     assert wheel_loads(rig) == pytest.approx(expected, rel=0.01)
 
 
-def test_motors_at_their_limit_accelerate_a_loaded_robot_by_as_much_less(nexus):
+def test_loaded_robot_accelerates_by_its_mass(nexus):
     rig, torque = Rig(loaded(nexus, 10.0, 0.0, 0.0, 0.25)), 0.25 * nexus.wheels.max_torque_nm
     before = rig.advance_effort([torque] * 4, 100).linear[0]
     after = rig.advance_effort([torque] * 4, 200).linear[0]
@@ -159,7 +159,7 @@ def test_locked_wheels_slow_down_alike_at_every_yaw(name, yaw_deg):
     assert abs(aside) < 0.01
 
 
-def test_beside_an_obstacle_it_slides_as_in_the_open(nexus):
+def test_obstacle_beside_the_robot_changes_no_friction(nexus):
     yaw = math.radians(22.5)
     # too close for a robot to be simulated by itself, beside it; it is not touched
     box = Box(size_m=(0.02, 0.02, 0.5), position_m=rotate(0.0, 0.235, yaw))
@@ -181,7 +181,7 @@ def write(robot, folder):
     return file
 
 
-def test_an_independent_reader_finds_the_bodies_of_the_world(robot, tmp_path):
+def test_independent_urdf_reader_finds_the_same_bodies(robot, tmp_path):
     file = write(robot, tmp_path)
     read = dart.utils.DartLoader().parseSkeleton(str(file))
     rig = Rig(robot)
@@ -207,7 +207,7 @@ def test_an_independent_reader_finds_the_bodies_of_the_world(robot, tmp_path):
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
-def test_the_optical_frame_is_turned_as_the_camera_looks(nexus, tmp_path):
+def test_optical_frame_follows_pan_and_tilt(nexus, tmp_path):
     camera = replace(nexus.camera, pitch_deg=20.0, yaw_deg=90.0)
     robot = replace(nexus, camera=camera)
     file = write(robot, tmp_path)

@@ -36,7 +36,7 @@ def samples(imu, state, count):
     return np.array(rows)
 
 
-def test_a_robot_that_starts_to_the_side_feels_that_side_in_its_own_frame():
+def test_imu_measures_sideways_acceleration_in_base_link():
     imu = Imu(EXACT, 2, 0.01, seed=1)
     sample = imu.measure(moving((0.0, 0.1, 0.0), orientation=LEFT), m.Time(2))
     # 0.1 m/s within two ticks of 10 ms
@@ -45,7 +45,7 @@ def test_a_robot_that_starts_to_the_side_feels_that_side_in_its_own_frame():
     assert sample.orientation_covariance[0] == -1.0  # ROS's sign of no estimate
 
 
-def test_a_robot_that_drives_a_circle_feels_the_force_to_its_centre():
+def test_imu_measures_centripetal_acceleration():
     imu, rate = Imu(EXACT, 1, 0.01, seed=1), 2.0
     for tick in range(2):
         yaw = rate * 0.01 * tick
@@ -56,7 +56,7 @@ def test_a_robot_that_drives_a_circle_feels_the_force_to_its_centre():
     assert vector(sample.linear_acceleration) == pytest.approx((0.0, 1.0, G), abs=0.011)
 
 
-def test_noise_bias_and_random_walk_have_the_deviations_of_the_configuration():
+def test_imu_noise_has_the_configured_deviations():
     white = Imu(ImuConfig(gyro_bias_std_rad_s=0.0, gyro_walk_rad_s=0.0), 1, 0.01, seed=1)
     # 2000 samples: a deviation is known to 1/√4000, 1.6 %; five of those
     assert samples(white, moving(), 2000)[:, :3].std() == pytest.approx(0.0006, rel=0.08)
@@ -71,7 +71,7 @@ def test_noise_bias_and_random_walk_have_the_deviations_of_the_configuration():
     assert np.std(changes) == pytest.approx(0.0001, rel=0.12)
 
 
-def test_the_battery_sags_under_the_load_of_the_motors_within_the_noise():
+def test_battery_sags_under_motor_load():
     battery = Battery(BatteryConfig(voltage_v=10.0), 0.05, 1, seed=1)
     loaded = moving()._replace(joint_effort=[1.0, -1.0, 0.5, -0.5])
     voltages = [battery.measure(loaded, m.Time()).voltage for _ in range(500)]

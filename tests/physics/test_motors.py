@@ -35,7 +35,7 @@ def test_a_coasting_robot_only_loses_energy_and_little(nexus):
 
 
 @pytest.mark.parametrize(("name", "drive"), [("nexus", "velocity"), ("artbul", "effort")])
-def test_standing_wheels_hold_the_robot_on_a_slope_with_the_torque_of_its_weight(name, drive):
+def test_wheels_hold_the_robot_on_a_slope(name, drive):
     robot = load_robot(name)
     rig = Rig(robot, slope_deg=10.0, drive=drive)
     state = rig.drive([0.0] * 4, 2.0)[-1]
@@ -45,7 +45,7 @@ def test_standing_wheels_hold_the_robot_on_a_slope_with_the_torque_of_its_weight
     assert abs(state.position[0]) < 0.01
 
 
-def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus):
+def test_bearing_friction_costs_the_predicted_power(nexus):
     def power(friction: float) -> float:
         rollers = msgspec.structs.replace(nexus.rollers, bearing_friction_nms=friction)
         robot = msgspec.structs.replace(nexus, rollers=rollers)
@@ -68,7 +68,7 @@ def test_bearing_friction_costs_the_power_that_the_rollers_speeds_predict(nexus)
     assert power(friction) - power(0.0) == pytest.approx(expected, rel=0.1)
 
 
-def test_commands_are_limited_to_the_motors_torque_and_speed(nexus):
+def test_commands_are_limited_to_torque_and_speed(nexus):
     rig = Rig(nexus, ground_friction=0.0)
     rig.advance_effort([100.0, -100.0, 0.0, 0.0], 1)
     limit, fastest = nexus.wheels.max_torque_nm, nexus.wheels.max_speed_rad_s
@@ -92,13 +92,13 @@ def outputs(motors, steps, command=10.0, supplied=1.0):
     return [model.step(supplied)[0] for _ in range(steps)]
 
 
-def test_a_delay_within_a_step_shifts_the_lags_exponential_exactly():
+def test_delay_within_a_step_shifts_the_exponential():
     values = outputs(RealMotors(delay_s=0.0123, time_constant_s=0.05), 20)
     expected = [10.0 * (1.0 - math.exp(-max(DT * (k + 1) - 0.0123, 0.0) / 0.05)) for k in range(20)]
     assert values == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_dead_band_gain_and_supply_scale_what_is_left():
+def test_dead_band_gain_and_supply_scale_the_command():
     motors = RealMotors(dead_band_rad_s=0.5, gains=(1.1, 1.0, 1.0, 1.0))
     assert outputs(motors, 1, 0.4) == [0.0]
     assert outputs(motors, 1, 2.5) == pytest.approx([2.2])
@@ -130,7 +130,7 @@ def test_a_wrong_wiring_shows_in_joints_and_odometry(nexus):
     assert odometry.yaw < 0.0 < odometry.x < 0.05 * 5.0
 
 
-def test_wheels_mounted_the_other_way_drive_an_x_as_an_o(nexus):
+def test_wrong_mounting_turns_x_into_o(nexus):
     """The odometry reports what was commanded: only the true motion shows the fault."""
     x_as_o = msgspec.structs.replace(nexus.wheels, mounting=(2, 1, 4, 3))
     robot, kinematics = (
@@ -175,13 +175,13 @@ def test_the_wheels_move_alike_wherever_base_link_is(nexus):
     ) == pytest.approx(twist, abs=1e-3)
 
 
-def test_wheels_of_a_simulated_robot_follow_late_and_slowly(nexus):
+def test_simulated_wheels_have_delay_and_lag(nexus):
     speeds = speed_ups(with_motors(nexus, delay_s=0.03, time_constant_s=0.1), 0.3)
     expected = [10.0 * (1.0 - math.exp(-max(0.01 * (k + 1) - 0.03, 0.0) / 0.1)) for k in range(30)]
     assert speeds == pytest.approx(expected, abs=1e-6)  # DART's servo holds them
 
 
-def test_the_pid_follows_the_motors_lag_and_the_supply_sags(nexus):
+def test_pid_follows_the_lag_and_supply_sags(nexus):
     lag = {"time_constant_s": 0.2}
     firm = speed_ups(with_motors(nexus, **lag), 0.2)
     assert speed_ups(with_motors(nexus, **lag), 0.2, drive="effort")[-1] == pytest.approx(
@@ -191,7 +191,7 @@ def test_the_pid_follows_the_motors_lag_and_the_supply_sags(nexus):
 
 
 @pytest.mark.parametrize(("is_effort", "value"), [(False, 20.0), (True, 100.0)])
-def test_a_motors_torque_within_its_limit_less_friction_turns_the_wheel(nexus, is_effort, value):
+def test_torque_minus_friction_turns_the_wheel(nexus, is_effort, value):
     rig = Rig(with_motors(nexus, coulomb_nm=0.05, viscous_nms=0.01), ground_friction=0.0)
     inertia = masses(nexus)[1] * nexus.wheels.radius_m**2 / 4
     speed, limit = 0.0, nexus.wheels.max_torque_nm

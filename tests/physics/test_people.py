@@ -40,7 +40,7 @@ def person(joints: np.ndarray, velocity: tuple[float, float, float] = (0.0, 0.0,
     return MovingPerson.of_joints(joints, np.broadcast_to(velocity, joints.shape), HEIGHT)
 
 
-def test_a_robot_is_stopped_by_a_shank_at_its_surface(nexus):
+def test_shank_stops_the_robot_at_its_surface(nexus):
     rig = Rig(nexus)
     # the left leg is ahead of the robot's middle, whose front is its base's at 0.19 m
     joints = standing(0.45)
@@ -54,7 +54,7 @@ def test_a_robot_is_stopped_by_a_shank_at_its_surface(nexus):
 
 
 @pytest.mark.parametrize("speed", [0.5, 10.0])
-def test_a_foot_that_steps_on_the_robot_does_not_press_it_into_the_ground(nexus, speed):
+def test_foot_on_the_robot_does_not_sink_it(nexus, speed):
     rig = Rig(nexus)
     # the left heel comes down onto the rear left corner, where the toes point away from the robot
     joints = standing(-0.15, stance=0.3)
@@ -68,7 +68,7 @@ def test_a_foot_that_steps_on_the_robot_does_not_press_it_into_the_ground(nexus,
         assert state.position[2] > -0.001 * speed - DEEPEST_M, tick
 
 
-def test_limbs_turn_and_move_as_their_ends_do_sideways():
+def test_limbs_move_with_their_ends():
     joints, velocities = np.random.default_rng(2).normal(size=(2, len(JOINTS), 3))
     skeleton, dt = build_legs(), 1e-6
     walker = MovingPerson.of_joints(joints, velocities, HEIGHT)

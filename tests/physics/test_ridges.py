@@ -35,7 +35,7 @@ def test_distances_from_a_ridge_are_those_by_hand():
 
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi / 4], ids=["ahead", "aside", "aslant"])
-def test_a_robot_crosses_a_sill_of_10_mm_straight(nexus, yaw):
+def test_robot_crosses_a_sill_straight(nexus, yaw):
     sill = 0.01
     wall = Wall(points_m=((0.0, -2.0), (0.0, 2.0)), doors=(Door(at_m=2, width_m=2, sill_m=sill),))
     rig = Rig(nexus, Pose2D(-0.3, 0.0, yaw), walls=(wall,), dt_s=0.002)
@@ -53,7 +53,7 @@ def test_a_robot_crosses_a_sill_of_10_mm_straight(nexus, yaw):
     assert max(s.position[2] for s in states) == pytest.approx(sill / 2, abs=0.0015)
 
 
-def test_on_a_ramp_speed_attitude_and_work_are_those_by_hand_and_a_robot_at_rest_stays(nexus):
+def test_ramp_gives_the_expected_speed_attitude_and_work(nexus):
     ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, landing_m=0.5, position_m=(0.0, 0.0))
     rig = Rig(nexus, Pose2D(-1.47), ramps=(ramp,), dt_s=0.002)
     states = [rig.advance(wheel_speeds(nexus, Twist2D(0.5)), steps=2) for _ in range(475)]
@@ -73,7 +73,7 @@ def test_on_a_ramp_speed_attitude_and_work_are_those_by_hand_and_a_robot_at_rest
     assert math.dist(rested.position, before) < 1e-4  # locked wheels hold it, without creeping
 
 
-def test_locked_wheels_slow_a_robot_down_by_the_patchs_friction(nexus):
+def test_locked_wheels_brake_by_the_patchs_friction(nexus):
     patch = Patch(size_m=(4.0, 2.0), position_m=(2.3, 0.0), friction=0.2)
     rig = Rig(nexus, patches=(patch,))
     rig.drive(wheel_speeds(nexus, Twist2D(1.0)), 1.5)

@@ -19,7 +19,7 @@ from physics_rig import Rig, trajectory, wheel_speeds
 FORWARD, LEFT, TURN = Twist2D(x=0.3), Twist2D(y=0.3), Twist2D(yaw=0.6)
 
 
-def test_a_new_world_is_at_rest_at_exactly_the_start_pose_and_stays(robot):
+def test_new_world_rests_at_the_start_pose(robot):
     start = Pose2D(1.5, -2.0, 2.5)
     rig = Rig(robot, start)
     state = rig.state()
@@ -55,7 +55,7 @@ def with_rollers(angle_deg: float, arrangement: str) -> Robot:
         (with_rollers(30.0, "O"), TURN),
     ],
 )
-def test_motion_has_the_gain_that_the_rollers_geometry_predicts(robot, twist):
+def test_motion_has_the_gain_of_the_rollers_geometry(robot, twist):
     states = Rig(robot).drive(wheel_speeds(robot, twist), 2.0)[100:]
     before, after = states[0], states[-1]
     moved = (*np.subtract(after.position, before.position)[:2], after.yaw - before.yaw)
@@ -77,7 +77,7 @@ def test_a_standing_person_stops_the_robot(nexus):
     assert rig.state().position[0] == pytest.approx(0.16, abs=0.01)
 
 
-def test_a_walking_person_pushes_the_robot_and_is_not_slowed_down(nexus):
+def test_walking_person_pushes_the_robot(nexus):
     rig = Rig(nexus, person=PersonConfig(radius_m=0.15))
     for index in range(100):
         rig.place_person(Pose2D(-0.4 + 0.005 * index, 0.0, 0.0), Twist2D(x=0.5))
@@ -113,7 +113,7 @@ def test_a_world_built_again_repeats_every_bit(nexus):
         (lambda robot: robot.setPosition(4, math.nan), "moved"),
     ],
 )
-def test_a_diverged_state_is_an_error_with_the_last_good_one(nexus, spoil, reason):
+def test_divergence_error_contains_the_last_good_state(nexus, spoil, reason):
     rig = Rig(nexus, Pose2D(1.0, 2.0, 0.0))
     rig.advance([0.0] * 4, 10)
     spoil(rig.body.skeleton)

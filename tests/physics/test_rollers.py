@@ -32,7 +32,7 @@ def surface(roller: Roller) -> Array:
     return along[:, None, :] + r[:, None, None] * around
 
 
-def test_each_circle_of_the_barrel_reaches_the_wheels_radius_and_no_farther(roller):
+def test_roller_circles_reach_exactly_the_wheels_radius(roller):
     points = surface(roller)
     reach = np.hypot(points[..., 0], points[..., 2]).max(axis=1)
     assert reach.max() <= roller.wheel_radius + 1e-12  # rounding
@@ -40,7 +40,7 @@ def test_each_circle_of_the_barrel_reaches_the_wheels_radius_and_no_farther(roll
     np.testing.assert_allclose(reach, roller.wheel_radius, atol=1e-8)
 
 
-def test_the_arcs_of_all_rollers_cover_the_circle_without_gap(roller):
+def test_arcs_of_rollers_cover_the_circle(roller):
     points = surface(roller)
     farthest = np.hypot(points[..., 0], points[..., 2]).argmax(axis=1)
     touching = points[np.arange(len(points)), farthest]
@@ -51,7 +51,7 @@ def test_the_arcs_of_all_rollers_cover_the_circle_without_gap(roller):
     assert np.ptp(angles) == pytest.approx(2.0 * np.pi / roller.count, abs=step)
 
 
-def test_the_hull_of_the_spheres_is_round_to_its_chords_sag(roller):
+def test_hull_of_spheres_is_round_within_its_sag(roller):
     heights, radii = roller.spheres(41)
     centres = np.array([0.0, 0.0, -roller.axis_distance]) + heights[:, None] * axis(roller)
     turn = np.linspace(-roller.half_arc, roller.half_arc, 4001)

@@ -59,7 +59,7 @@ def speeds(states: list[list[RobotState]]) -> list[float]:
     return [late.position[0] - early.position[0] for early, late in pairs]
 
 
-def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus):
+def test_separate_robots_do_not_influence_each_other(nexus):
     starts = [Pose2D(), Pose2D(0.0, 3.0), Pose2D(0.0, 1.0, 1.0)]
     # four wheels of the third change their lowest roller within one step
     commands = [STAND, FORWARD, WheelCommand([6.0, -6.0, -6.0, 6.0])]
@@ -82,7 +82,7 @@ def test_robots_apart_move_as_each_would_by_itself_to_the_bit(nexus):
 
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2])
-def test_when_robots_collide_on_ice_the_momentum_of_both_is_kept(nexus, yaw):
+def test_collision_on_ice_conserves_momentum(nexus, yaw):
     world = world_with(nexus, Pose2D(), Pose2D(0.7, 0.0, yaw), ground_friction=0.0)
     throw(world.robots[0], 0.5)
     before = drive(world, 1, STAND, STAND)[-1]
@@ -111,7 +111,7 @@ def test_a_robot_pushes_those_whose_motors_are_weaker(nexus, places, pushed, tic
         assert [gap for gap in gaps if not CLOSEST <= gap <= TOUCHING] == []
 
 
-def test_a_pusher_accelerates_both_with_what_its_motors_give(nexus):
+def test_pushing_motors_accelerate_both_robots(nexus):
     push, brake = 0.2, 0.05
     world = world_with(nexus, Pose2D(), Pose2D(0.4))
     commands = [WheelCommand([torque] * 4, is_effort=True) for torque in (push, -brake)]
@@ -125,7 +125,7 @@ def test_a_pusher_accelerates_both_with_what_its_motors_give(nexus):
     )
 
 
-def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
+def test_separated_robots_are_isolated_again(nexus):
     world = world_with(nexus, Pose2D(), Pose2D(0.62), Pose2D(5.0))
     first, second, third = world.robots
 
@@ -143,7 +143,7 @@ def test_robots_that_have_touched_and_separated_are_isolated_again(nexus):
     assert first.state.linear[0] == pytest.approx(-0.3, rel=0.01)
 
 
-def test_a_person_who_comes_back_is_where_they_are_said_to_be(nexus):
+def test_returning_person_is_at_the_reported_place(nexus):
     rig = Rig(nexus)
     for x in (0.6, 5.0):  # close, and away
         rig.place_person(Pose2D(x=x))
@@ -175,6 +175,6 @@ STANDING = Footprint(0.0, 0.0, half_length=0.2, half_width=0.1)
         (STANDING, Footprint(0.1, 0.0, rim=0.2), -0.2),
     ],
 )
-def test_the_gap_between_two_is_known_by_their_axes_and_circles(left, right, gap):
+def test_gap_between_footprints_is_known(left, right, gap):
     assert left.gap(right) == pytest.approx(gap)
     assert right.gap(left) == pytest.approx(gap)

@@ -58,7 +58,7 @@ def finish(net: Net, recorder: Command, path: Path, count: int) -> str:
     return out
 
 
-def test_a_replay_of_several_robots_recorded_again_is_the_same(net, tmp_path):
+def test_recorded_replay_equals_the_recording(net, tmp_path):
     toml = String(data=to_toml(CONVOY))
     net.bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(toml))
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
@@ -87,7 +87,7 @@ def test_a_replay_of_several_robots_recorded_again_is_the_same(net, tmp_path):
     assert {k["key"]: k["gaps"] for k in info["keys"]}["two/odom"] == 0
 
 
-def test_a_recording_without_a_sample_is_an_error_and_no_file(net, tmp_path):
+def test_recording_without_samples_is_an_error(net, tmp_path):
     path = tmp_path / "none.mcap"
     recorder = net.start("record", "-o", path, "odmo")
     warning = recorder.process.stderr.readline()
@@ -174,7 +174,7 @@ def test_a_replay_serves_the_descriptions_of_the_robots(net, tmp_path):
         assert description.meshes == build_meshes(CONVOY.of(name).robot)
 
 
-def test_a_replay_keeps_stamps_and_loops_with_new_runs(net, make_recording):
+def test_replay_keeps_stamps_and_loops(net, make_recording):
     path, received = make_recording(range(4)), []
     net.bus.subscribe(keys.CMD_VEL, lambda *sample: received.append(sample), every=True)
     net.bus.subscribe(keys.ODOM, lambda *_: pytest.fail("not asked for"), every=True)
@@ -236,7 +236,7 @@ def test_the_service_records_the_services_of_its_scenario(program, tmp_path):
     assert recorder.diagnostics() == {"recorded": 9}
 
 
-def test_the_next_free_name_is_used_in_real_time(tmp_path, caplog):
+def test_next_free_name_is_used(tmp_path, caplog):
     path = tmp_path / "run.mcap"
     assert free_name(path) == path
     for name in ("run.mcap", "run-2.mcap"):

@@ -25,7 +25,7 @@ def read(path: Path, *times: float) -> list[Sample]:
     return list(Recording(path).samples(*times))
 
 
-def test_every_message_comes_back_with_its_stamp_and_order(make_recording):
+def test_messages_keep_their_stamps_and_order(make_recording):
     samples = read(make_recording(TICKS))
     expected = [(n, key, message) for n in TICKS for key, message in tick(n).items()]
     assert [(s.stamp, s.key, s.time_ns) for s in samples] == [
@@ -55,7 +55,7 @@ def test_readers_of_ros_bags_read_the_messages(make_recording):
     assert [time for key, time, _ in decoded if key == "clock"] == [n * TICK_NS for n in TICKS]
 
 
-def test_unknown_keys_are_kept_and_messages_published_in_json(tmp_path):
+def test_unknown_keys_are_kept(tmp_path):
     with closing(RecordingWriter(tmp_path / "raw.mcap")) as writer:
         writer.write_bytes("my/camera", b"\x00\xff", "image/png", stamp_of(1), TICK_NS)
         writer.write_bytes("my/camera", b"", "", None, TICK_NS)
@@ -68,7 +68,7 @@ def test_unknown_keys_are_kept_and_messages_published_in_json(tmp_path):
     assert (encoding, attachment) == (JSON_ENCODING, stamp_of(3).pack())
 
 
-def test_only_topics_for_readers_of_ros_bags_are_latched(tmp_path):
+def test_only_ros_topics_are_latched(tmp_path):
     path = tmp_path / "latched.mcap"
     names = ["/tf_static", "/two/robot_description", "/tf", "my/tf_static"]
     with closing(RecordingWriter(path)) as writer:
@@ -115,7 +115,7 @@ def test_a_truncated_file_has_all_that_was_flushed(flushed, tmp_path):
         assert recording.is_cut_off or len(kept) == len(samples)
 
 
-def test_a_damaged_byte_costs_samples_or_is_one_line(flushed, tmp_path):
+def test_damaged_byte_costs_samples_or_is_refused(flushed, tmp_path):
     path, _, samples = flushed
     data, damaged = path.read_bytes(), tmp_path / "damaged.mcap"
     for place in range(0, len(data), 7):
@@ -140,7 +140,7 @@ def limited_files(size):
         signal.signal(signal.SIGXFSZ, handler)
 
 
-def test_a_full_disk_is_one_line_and_costs_no_earlier_sample(tmp_path, monkeypatch):
+def test_full_disk_costs_no_earlier_sample(tmp_path, monkeypatch):
     monkeypatch.setattr("mecazen_recorder.writer.FLUSH_S", 0.0)
     path, count = tmp_path / "a.mcap", 0
     writer = RecordingWriter(path)
@@ -203,7 +203,7 @@ def test_a_wrong_file_is_one_line(write, reason, tmp_path):
     assert error_of(MecazenError, use) == f"{path}: {reason}"
 
 
-def test_existing_files_are_kept_and_missing_folders_are_one_line(make_recording, tmp_path):
+def test_existing_file_or_missing_folder_is_one_line(make_recording, tmp_path):
     path = make_recording()
     before = path.read_bytes()
     with pytest.raises(RecordingError, match="exists already"):

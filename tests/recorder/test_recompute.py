@@ -103,7 +103,7 @@ def test_each_of_several_robots_is_recomputed_alone(mine, recorded):
         assert compared.counts == {f"{robot}/cmd_vel": TICKS}
 
 
-def test_only_the_named_sections_of_a_robot_are_read(tmp_path):
+def test_only_named_sections_of_robots_are_read(tmp_path):
     writer = RecordingWriter(tmp_path / "run.mcap")
     tables = effective(Scenario(robot=load_robot(), robots=TWO))
     # a file that was there when it was recorded
@@ -123,7 +123,7 @@ def test_only_the_named_sections_of_a_robot_are_read(tmp_path):
         ("Twist2D(x=self.sum, yaw=-0.0 if tick.time_ns == 12 * 10**7 else 0.0)", "angular.z"),
     ],
 )
-def test_the_first_difference_is_named_to_the_last_bit(program, recorded, answer, field):
+def test_first_difference_is_named(program, recorded, answer, field):
     difference = recompute(Recording(recorded(), trusted=True), program(answer)).difference
     assert (difference.key, difference.time_ns, difference.field) == ("cmd_vel", 12 * 10**7, field)
     assert difference.recorded != difference.recomputed
@@ -151,7 +151,7 @@ def test_the_end_of_a_recording_may_be_incomplete(mine, recorded):
         copy.unlink()
 
 
-def test_the_order_of_samples_within_a_tick_is_free(mine, recorded):
+def test_order_within_a_tick_is_free(mine, recorded):
     copy = rewritten(recorded(), turned=True)
     assert recompute(Recording(copy, trusted=True), mine).difference is None
 
@@ -198,7 +198,7 @@ def test_impossible_recomputations_are_one_line(
     ],
     ids=str,
 )
-def test_a_recording_runs_no_code_and_opens_no_other_file(settings, reason, tmp_path, monkeypatch):
+def test_recording_runs_no_code_and_opens_no_file(settings, reason, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     file, path = tmp_path / "evil.py", tmp_path / "run.mcap"
     file.write_text(f"open({str(tmp_path / 'mark')!r}, 'w')\n")  # importing it leaves a mark

@@ -92,7 +92,7 @@ def test_a_missed_capture_loses_its_frame_only(stopped):
         assert stamps[12] == 40_000_000
 
 
-def test_the_lidar_sees_people_and_robots_until_they_leave():
+def test_lidar_sees_people_and_robots():
     sensor = Sensor(LidarNode, scenario=CONVOY)
     ranges = sensor.tick(0, {"two": (1.5, 0.0), "walker_1": (-2.0, 0.0)})[keys.SCAN].ranges
     # the lidar is 0.13 m behind the robot's middle, legs are 0.15 m from the middle of a person
@@ -108,7 +108,7 @@ def test_the_lidar_sees_people_and_robots_until_they_leave():
     assert min(r for r in ranges[350:370] if r) == pytest.approx(1.63, abs=0.15)
 
 
-def test_an_added_box_is_seen_until_it_is_removed():
+def test_added_box_is_seen_until_removal():
     sensor = Sensor(LidarNode)
     plain = sensor.node.scenario
     crate = {"kind": "box", "size_m": [0.4, 0.4, 0.5], "position_m": [0.0, 1.2]}
@@ -141,7 +141,7 @@ def test_errors_of_a_person_stay_with_their_id():
     assert [frame[0] for frame in alone] == [frame[0] for frame in staying]
 
 
-def test_a_person_who_was_away_has_a_new_identity():
+def test_returning_person_has_a_new_identity():
     away = range(20, 80)
     sensor = Sensor(TrackerNode, "sensors.tracker.identity_memory_s=0.2")
     frames = sensor.frames(

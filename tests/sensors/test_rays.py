@@ -144,7 +144,7 @@ def test_a_wall_is_where_its_beams_end():
     assert np.all(ranges[~hit] == result.range_max + 1.0)
 
 
-def test_ranges_outside_the_limits_are_told_from_no_measurement():
+def test_ranges_outside_the_limits_have_their_values():
     near = Cylinder(size_m=(0.02, 1.0), position_m=(-0.13, 0.05))
     result = scan(room(near, wall(7.0)), fov_deg=250.0, max_range_m=7.3, **NO_NOISE)
     ranges = np.array(result.ranges)

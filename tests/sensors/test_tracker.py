@@ -100,7 +100,7 @@ def test_a_hidden_knee_is_drawn_to_the_other():
     assert reported[left_knee] == pytest.approx(joints[left_knee], abs=1e-3)
 
 
-def test_a_person_is_reported_if_the_pelvis_is_visible():
+def test_person_with_visible_pelvis_is_reported():
     known = Watch(seen_from(FRONT, 0.9), **EXACT).confidence(body())
     assert (known["head"], known["pelvis"]) == (0, SEEN)
     turned_away = seen_from(FRONT)._replace(yaw=0.0)
@@ -131,7 +131,7 @@ AHEAD = seen_from(FRONT, 2.5)
         (AHEAD, [FAR_BOX], (0.4, 0.0), Unseen.PERSON),
     ],
 )
-def test_a_frame_gives_the_reason_why_the_person_is_missing(robot, solids, bystander, reason):
+def test_frame_contains_the_reason_of_a_loss(robot, solids, bystander, reason):
     walls = [solid for solid in solids if solid is WALL]
     obstacles = [solid for solid in solids if solid is not WALL]
     watch = Watch(robot, *obstacles, walls=walls, people=2, **EXACT)
@@ -151,7 +151,7 @@ def test_a_long_occlusion_ends_an_identity():
     assert [names(9, 0.0), names(5, -1.2)] == [set(), {"2"}]
 
 
-def test_an_occluded_camera_sees_no_one_for_a_while():
+def test_occluded_camera_reports_no_person():
     watch = Watch(seen_from(BACK), occlusions_s=((0.1, 0.3),))
     frames = [watch.frame(walking(k * FRAME_S)) for k in range(12)]
     names = [[s.id for s in frame.skeletons] for frame in frames]

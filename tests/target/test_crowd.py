@@ -43,7 +43,7 @@ class Crowd(Steps):
         return self.step(tick, samples).get(keys.PEOPLE)
 
 
-def test_everybody_is_told_of_at_the_rate_of_the_skeleton():
+def test_people_are_published_at_the_skeletons_rate():
     crowd = Crowd("senses", WALKERS)
     frames = {tick: crowd.tick(tick) for tick in range(5)}
     assert [tick for tick, frame in frames.items() if frame] == [0, 2, 4]
@@ -60,7 +60,7 @@ def test_everybody_is_told_of_at_the_rate_of_the_skeleton():
 
 
 @pytest.mark.parametrize("ticks", [[1000], [0, 2, 48]])
-def test_after_a_gap_all_joints_are_at_their_walker(ticks):
+def test_joints_follow_their_walker_after_a_gap(ticks):
     crowd = Crowd("senses", WALKERS)
     for tick in ticks:
         frame = crowd.tick(tick)
@@ -70,7 +70,7 @@ def test_after_a_gap_all_joints_are_at_their_walker(ticks):
         assert max(math.hypot(j.x - at.x, j.y - at.y) for j in walker.joints) < 0.8
 
 
-def test_people_are_added_with_their_own_time_and_change_no_walker():
+def test_added_people_have_their_own_time():
     def run(changes):
         crowd, frames = Crowd("senses", WALKERS), {}
         for tick in range(0, 500, 2):
@@ -117,7 +117,7 @@ def test_recorded_people_are_there_while_they_walk(tmp_path):
     assert 0.5 < next(persons[0].pose.position.x + 1.0 for persons in places if persons) < 1.0
 
 
-def test_of_several_robots_all_and_their_persons_are_told_of():
+def test_all_robots_and_their_persons_are_published():
     frame = Crowd("convoy", "sensor.kind=fused").tick(0)
     assert [one.id for one in frame.persons] == ["one", "two"]
     assert [one.pose.position.y for one in frame.persons] == [0.0, 1.0]

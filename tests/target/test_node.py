@@ -62,7 +62,7 @@ def pose_of(odom):
     return odom.pose.pose.to_planar()
 
 
-def test_every_tick_has_the_truth_and_each_fourth_a_frame():
+def test_frames_come_at_the_sensors_rate():
     target = Target(STANDING)
     for tick in range(9):
         outputs = target.tick(tick)
@@ -73,7 +73,7 @@ def test_every_tick_has_the_truth_and_each_fourth_a_frame():
         assert pose_of(odom) == pytest.approx((2.0, 1.0, math.pi / 2))
 
 
-def test_a_frame_shows_the_person_in_base_link_or_in_world_with_the_covariance_of_its_noise():
+def test_frame_has_pose_and_covariance():
     # the person, at (2, 1) with heading 90°, is 1 m behind a robot that looks back along x
     seen = {"base_link": (-1.0, 0.0, -math.pi / 2), "world": (2.0, 1.0, math.pi / 2)}
     for frame_id, pose in seen.items():
@@ -86,7 +86,7 @@ def test_a_frame_shows_the_person_in_base_link_or_in_world_with_the_covariance_o
     assert noisy[keys.OBSERVATION].poses[0].covariance == pytest.approx(covariance)
 
 
-def test_a_late_frame_is_stamped_with_its_capture_and_shows_the_poses_of_then():
+def test_late_frame_has_stamp_and_poses_of_capture():
     target = Target(Straight(speed_m_s=1.0), latency_s=0.03)
     frames = {}
     for tick in range(9):
@@ -99,7 +99,7 @@ def test_a_late_frame_is_stamped_with_its_capture_and_shows_the_poses_of_then():
         assert frames[tick].poses[0].pose.position.x == pytest.approx(0.51 * (tick - 3))
 
 
-def test_each_run_walks_anew_with_the_noise_of_its_own_seed_to_the_byte():
+def test_runs_of_one_seed_are_identical():
     walk = {"path": Circle(speed_m_s=1.0), "gait": Gait(), "dropout_probability": 0.2}
     walk |= {"position_std_m": 0.05, "yaw_std_deg": 5.0}
     target = Target(**walk)
@@ -111,7 +111,7 @@ def test_each_run_walks_anew_with_the_noise_of_its_own_seed_to_the_byte():
     assert runs[1] != runs[2]
 
 
-def test_a_driven_person_moves_by_the_commands_and_stops_when_they_end():
+def test_driven_person_stops_after_the_last_command():
     target = Target(DRIVEN)
     assert target.person(0) == Pose2D()
     walked = [target.tick(1, command=Twist2D(1.0)), *map(target.tick, range(2, 9))]
@@ -124,7 +124,7 @@ def test_a_driven_person_moves_by_the_commands_and_stops_when_they_end():
     assert target.person(9, turn) == pytest.approx(Pose2D(0.05).integrate(turn, 0.01))
 
 
-def test_a_driven_person_makes_up_for_missed_ticks_but_not_beyond_the_timeout():
+def test_driven_person_catches_up_missed_ticks():
     target = Target(DRIVEN)
     target.person(0)
     assert target.person(3, Twist2D(1.0)).x == pytest.approx(0.03)
@@ -134,7 +134,7 @@ def test_a_driven_person_makes_up_for_missed_ticks_but_not_beyond_the_timeout():
     assert target.person(200_000_000).x == pytest.approx(0.05)  # 23 days later, at once
 
 
-def test_a_person_on_a_path_misses_nothing_and_hears_no_commands():
+def test_person_on_a_path_ignores_commands():
     target = Target(Straight(speed_m_s=1.0, length_m=3.0))
     assert target.person(100, Twist2D(-1.0)).x == pytest.approx(1.0)
     report = {"time_s": 1.0, "x_m": 1.0, "y_m": 0.0, "walked_m": 1.0, "true_distance_error_m": 0.0}
@@ -145,7 +145,7 @@ def test_a_person_on_a_path_misses_nothing_and_hears_no_commands():
 GOAL = Goal(goal_m=(6.0, 0.0), speed_m_s=1.0)
 
 
-def test_a_person_with_a_goal_gives_way_to_others_and_not_to_the_robot():
+def test_person_with_a_goal_avoids_pedestrians():
     def walk(*others):
         target = Target(GOAL)
         crowd = People(persons=(Person(id="target"), *others))
@@ -158,7 +158,7 @@ def test_a_person_with_a_goal_gives_way_to_others_and_not_to_the_robot():
     assert all(walked[-1].distance(Pose2D(6.0)) < 0.6 for walked in (alone, past))
 
 
-def test_a_walk_that_has_ended_is_reported_and_one_without_an_end_is_not():
+def test_end_of_a_walk_is_reported():
     target = Target(Straight(speed_m_s=1.0, length_m=3.0))
     target.person(299)
     assert "walk_ended" not in target.node.diagnostics()
@@ -188,7 +188,7 @@ def test_a_wrong_setting_is_one_line(make, reason):
         make()
 
 
-def test_a_skeleton_walks_with_the_person_where_a_sensor_looks_at_it():
+def test_skeleton_walks_with_the_person():
     target = Target(Straight(speed_m_s=1.0), kind="fused")
     ticks = {tick: target.tick(tick) for tick in range(201)}
     assert all((keys.TARGET_SKELETON in ticks[tick]) == (tick % 2 == 0) for tick in ticks)
@@ -203,7 +203,7 @@ def test_a_skeleton_walks_with_the_person_where_a_sensor_looks_at_it():
 
 
 @pytest.mark.parametrize("ticks", [[1000], [0, 2, 48]])
-def test_after_a_gap_the_whole_skeleton_is_at_the_person(ticks):
+def test_skeleton_follows_the_person_after_a_gap(ticks):
     target = Target(Straight(speed_m_s=1.0), kind="fused")
     for tick in ticks:
         outputs = target.tick(tick)

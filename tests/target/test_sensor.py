@@ -49,7 +49,7 @@ def test_a_frame_without_the_person_gives_the_reason(bearing_deg, distance, sett
     assert (frame.reason, frame.pose is None) == (reason, bool(reason))
 
 
-def test_occlusion_hides_what_is_captured_from_its_begin_until_its_end():
+def test_occlusion_hides_captures_between_its_ends():
     eye = sensor(**PERFECT, latency_s=0.02, occlusions_s=((0.05, 0.08), (0.1, 0.11)))
     captured = {}
     for tick in range(20):
@@ -78,7 +78,7 @@ def faulty(count, faults, **settings):
     return [sensor.observe(tick, ROBOT, PERSON) for tick in range(count)], sensor
 
 
-def test_noise_starts_again_after_its_array_and_is_that_of_the_time():
+def test_noise_depends_on_time_and_repeats():
     eye = sensor(rate_hz=100.0)
     first = eye.observe(0, ROBOT, PERSON)
     assert eye.observe(NOISE_FRAMES, ROBOT, PERSON).pose == first.pose
@@ -100,7 +100,7 @@ def test_outliers_and_flips_come_with_their_probabilities():
     assert sum(turn > 3.0 for turn in turned) == pytest.approx(150, abs=50)
 
 
-def test_correlated_noise_has_the_same_variance_and_decays_as_said():
+def test_correlated_noise_keeps_its_variance_and_decays():
     seen, _ = faulty(60_000, {"noise_correlation_s": 0.5}, position_std_m=0.05)
     x = np.array([frame.pose.x for frame in seen]) - PERSON.x
     # 600 s are some 600 independent halves of a second: the variance is known to 6 %
@@ -108,7 +108,7 @@ def test_correlated_noise_has_the_same_variance_and_decays_as_said():
     assert (x[50:] * x[:-50]).mean() / x.var() == pytest.approx(math.exp(-1.0), abs=0.1)
 
 
-def test_a_wrong_data_sheet_changes_the_report_and_not_the_noise():
+def test_wrong_data_sheet_changes_only_the_report():
     noisy = {"position_std_m": 0.05, "yaw_std_deg": 5.0}
     right, sheet = faulty(100, {}, **noisy)
     wrong, liar = faulty(100, {"reported_noise_ratio": 0.5}, **noisy)

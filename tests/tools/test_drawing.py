@@ -23,7 +23,7 @@ def columns(body, names, *values):
     return {f"{body}_{name}": value for name, value in zip(names, values, strict=True)}
 
 
-def test_the_figure_of_a_run_shows_goal_errors_and_velocities():
+def test_figure_shows_goal_errors_and_velocities():
     t, scenario = np.array([0.0, 1.0]), load_scenario(SCENARIOS / "side.toml")
     # a person walks along y; the goal is 1 m to their left, facing them; the robot is 0.25 m too
     # far from it and turned 10° too far to the left
@@ -47,7 +47,7 @@ def test_the_figure_of_a_run_shows_goal_errors_and_velocities():
         assert [line.get_ydata()[0] for line in axes.lines] == speeds
 
 
-def test_a_figure_has_the_format_of_its_suffix_and_reproducible_bytes(tmp_path):
+def test_figure_has_the_suffixs_format_and_reproducible_bytes(tmp_path):
     figure = Figure()
     figure.subplots().plot([0.0, 1.0], [1.0, 0.0], label="a line")
     for suffix, begin in {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}.items():

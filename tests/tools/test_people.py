@@ -43,7 +43,7 @@ FORMATS = {
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_person_and_the_crowd_keep_their_places_and_times(name, people_import):
+def test_imported_people_keep_places_and_times(name, people_import):
     scenario = people_import(FORMATS[name], "--target", "12")
     (walker,) = scenario.crowd.walkers
     assert walker.enters_and_leaves
@@ -58,7 +58,7 @@ def test_a_person_and_the_crowd_keep_their_places_and_times(name, people_import)
     assert "crowd" in scenario.services
 
 
-def test_the_farthest_walk_is_followed_and_nothing_is_overwritten(people_import):
+def test_farthest_walk_is_followed(people_import):
     gone = "".join(f"bob,{t / 10},{t},0\n" for t in range(3))
     scenario = people_import(f"{FORMATS['csv']}{gone}")
     assert scenario.target.path.start_after_s == 0.0

@@ -157,7 +157,7 @@ def await_end(pid):
         time.sleep(0.01)
 
 
-def test_a_warning_and_the_address_of_a_page_come_with_names(supervisor):
+def test_warnings_and_addresses_have_names(supervisor):
     supervisor.begin("toy")
     line = supervisor.line("hello")
     assert line == Line("toy", "t=0.000 level=warning service=toy msg=hello")
@@ -173,7 +173,7 @@ def test_a_warning_and_the_address_of_a_page_come_with_names(supervisor):
         ("nobody", True, "nobody: no such node; nodes: "),
     ],
 )
-def test_a_process_that_never_worked_fails_in_one_line(scenario, name, restart, error):
+def test_process_that_never_worked_fails(scenario, name, restart, error):
     with closing(Watched(*scenario, restart=restart)) as supervisor:
         supervisor.begin(name)
         failure = supervisor.failure()
@@ -181,14 +181,14 @@ def test_a_process_that_never_worked_fails_in_one_line(scenario, name, restart, 
     assert len(failure.splitlines()) == 1
 
 
-def test_the_end_of_a_process_that_is_not_needed_is_no_error(restarting):
+def test_end_of_an_optional_process_is_no_error(restarting):
     restarting.begin("nobody", needed=False)
     line = restarting.line("ended")
     assert re.fullmatch("nobody has ended: no such node; .*; the others go on", line.text)
     assert restarting.poll(0.0) is None
 
 
-def test_a_process_ends_although_its_own_subprocess_holds_its_log(supervisor):
+def test_subprocess_does_not_delay_the_end(supervisor):
     supervisor.begin("starts_another")
     sleeper = int(supervisor.line("warning").text.rpartition(" ")[2])
     supervisor.kill("starts_another")
@@ -196,7 +196,7 @@ def test_a_process_ends_although_its_own_subprocess_holds_its_log(supervisor):
     os.kill(sleeper, signal.SIGKILL)  # which raises if it has ended
 
 
-def test_a_process_that_worked_steadily_is_started_again_at_once(restarting, monkeypatch):
+def test_steady_process_is_restarted_at_once(restarting, monkeypatch):
     monkeypatch.setattr(processes, "STEADY_S", 0.0)
     restarting.begin("toy", needed=False)
     for _ in range(3):
@@ -222,7 +222,7 @@ def test_pauses_grow_while_a_process_keeps_ending(restarting, monkeypatch):
     ]
 
 
-def test_a_process_that_its_scenario_does_not_suit_is_not_started_again(restarting):
+def test_unsuitable_process_is_not_restarted(restarting):
     restarting.begin("misfit")
     restarting.kill("misfit")
     assert "at once" in restarting.line("SIGKILL").text
@@ -238,7 +238,7 @@ def test_stop_ends_all_and_names_killed_processes(supervisor, monkeypatch):
     assert not any(map(is_running, pids))
 
 
-def test_processes_of_a_killed_fork_server_end_and_are_started_again(restarting):
+def test_killed_fork_server_restarts_its_processes(restarting):
     restarting.begin("toy")
     pid = restarting.pid("toy")
     status = Path(f"/proc/{pid}/status").read_text()

@@ -25,7 +25,7 @@ def sim():
         yield sim
 
 
-def test_a_run_goes_from_the_first_tick_to_the_last(sim):
+def test_run_has_all_ticks(sim):
     assert (sim.time_s, sim.is_over, len(sim.trajectory.rows())) == (0.0, False, 1)
     state = sim.step()
     assert (state.time_s, state.robot.x, state.person, state.follower) == (0.01, 0.0, None, None)
@@ -45,7 +45,7 @@ def test_a_reset_repeats_the_seed_or_takes_another(sim):
     assert sim.scenario.seed == 9
 
 
-def test_a_command_is_published_before_each_tick_until_a_reset(sim):
+def test_command_is_repeated_until_a_reset(sim):
     commands = Listener(sim.bus, keys.CMD_VEL)
     sim.command(0.25, wz=np.float32(0.5))
     for _ in range(2):

@@ -151,7 +151,7 @@ def test_services_of_the_scenario_come_first():
     assert lines_of(status_of(sim=None, alive=()))[0] == "nobody simulates"
 
 
-def test_warnings_are_shown_once_and_hostile_names_as_text():
+def test_warnings_are_text_and_shown_once():
     hostile = "[oops] \x1b[2J\x9b\u202e"
     ignored = {"ignored/cmd_vel": hostile, f"hz/{hostile}": "1.0"}
     status = status_of({"controller": ignored, hostile: ignored}, sim=SimState(mode=hostile))

@@ -11,7 +11,7 @@ from mecazen_tools.publishers import Programs
 from mecazen_tools.strays import absent, ignored, mistake
 
 
-def test_a_mistyped_key_is_answered_with_a_similar_one():
+def test_similar_key_is_suggested_for_a_typo():
     assert mistake("cmd_vle") == "cmd_vle: no key of mecazen; did you mean cmd_vel?"
     assert mistake("sim/rest").endswith("did you mean sim/reset?")
     assert mistake("qqq") == "qqq: no key of mecazen; `mecazen topics` shows all"

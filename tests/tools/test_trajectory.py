@@ -44,7 +44,7 @@ class Run:
         self.put(keys.CMD_VEL, tick, Twist.planar(Twist2D(*COMMAND)))
 
 
-def test_a_row_has_time_poses_and_command_in_the_order_of_the_columns():
+def test_row_has_the_order_of_the_columns():
     run = Run(1)
     run.tick(0, robot=(1.0, 2.0, 0.0), person=(3.0, 4.0, 0.0))
     robot, odom, person = (1.0, 2.0, 0.0), (0.5, 0.25, 0.0), (3.0, 4.0, 0.0)
@@ -53,7 +53,7 @@ def test_a_row_has_time_poses_and_command_in_the_order_of_the_columns():
     assert len(COLUMNS) == len(row)
 
 
-def test_the_csv_has_every_digit_and_empty_cells_for_missing_values():
+def test_csv_has_all_digits_and_empty_cells():
     values = 0.1 + 0.2, -0.0, 1e-5, -1.2345678901234567e-300, 5e-324, 1e16, 1.7e308
     run = Run(len(values))
     for tick, x in enumerate(values):
@@ -80,7 +80,7 @@ def test_an_estimate_has_pose_motion_and_covariance():
     assert row["tracking"] == "following"
 
 
-def test_a_row_counts_once_every_column_has_its_sample():
+def test_row_is_complete_with_all_samples():
     run = Run(2)
     assert (run.trajectory.done, run.trajectory.rows()) == (0, [])
     assert run.trajectory.scores() == Scores(None, None)
@@ -93,7 +93,7 @@ def test_a_row_counts_once_every_column_has_its_sample():
     assert (run.trajectory.done, run.trajectory.complete) == (2, True)
 
 
-def test_the_distance_error_is_the_mean_from_the_first_motion_on():
+def test_distance_error_is_averaged_from_first_motion():
     run = Run(4)
     for tick, person in enumerate([(1.0, 0.0), (3.0, 4.0), (0.0, 0.5), (-1.0, 0.0)]):
         run.tick(tick, person=(*person, 0.0))
@@ -101,7 +101,7 @@ def test_the_distance_error_is_the_mean_from_the_first_motion_on():
     assert run.trajectory.scores().d_err_m == 1.5
 
 
-def test_the_heading_error_is_wrapped_and_from_the_wanted_heading():
+def test_heading_error_is_wrapped():
     run = Run(3, follower=FollowerConfig(view="side_left"))  # which wants -90°
     run.tick(0)
     run.tick(1, robot=(0.0, 0.0, math.radians(-170)), person=(1.1, 0.0, math.radians(90)))
@@ -110,7 +110,7 @@ def test_the_heading_error_is_wrapped_and_from_the_wanted_heading():
     assert run.trajectory.scores().theta_err_deg == pytest.approx(90.0, rel=1e-13)
 
 
-def test_without_a_person_who_moves_there_are_no_scores():
+def test_standing_person_gives_no_scores():
     alone, standing = Run(1, services=("physics",)), Run(1)
     for run in (alone, standing):
         run.tick(0)

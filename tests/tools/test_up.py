@@ -119,7 +119,7 @@ def test_the_overview_shows_places_pace_and_stale_reports(report, monkeypatch):
     assert "lost: hidden by a \\[wall], +0.500 m off (true)" in text
 
 
-def test_a_service_is_left_out_unless_the_sensors_need_it():
+def test_service_is_left_out_unless_needed():
     loaded = load_scenario(SCENARIOS / "back.toml", {"processes": [["physics", "follower"]]})
     settings = parse_settings(settings_without(loaded, ["follower"]))
     left = load_scenario(SCENARIOS / "back.toml", settings)

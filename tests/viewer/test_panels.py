@@ -58,7 +58,7 @@ def test_changes_of_tracking_guard_and_health_are_logged(drawing):
     assert content.log("target") == ["INFO target: ok", "INFO target: the walk has ended"]
 
 
-def test_health_has_the_newest_values_of_all_services_of_all_robots(tmp_path):
+def test_health_has_the_newest_values_of_all_services(tmp_path):
     robots = tuple(
         RobotConfig(name=name, start=StartConfig(y_m=y)) for name, y in (("one", 0.0), ("two", 1.0))
     )

@@ -27,7 +27,7 @@ def states(**angles: float) -> JointState:
     return JointState(name=tuple(angles), position=tuple(angles.values()))
 
 
-def test_groups_whose_names_have_the_same_in_common_are_told_apart():
+def test_groups_of_similar_names_have_separate_paths():
     links = {"front_left": "r", "front_right": "other", "rear_left": "other", "rear_right": "r"}
     text = "".join(
         f'<link name="{link}_roller"><visual><geometry><mesh filename="{mesh}.stl"/></geometry>'
@@ -39,14 +39,14 @@ def test_groups_whose_names_have_the_same_in_common_are_told_apart():
     assert [path for path, _ in shapes] == [ROLLERS, f"{ROLLERS}_2"]
 
 
-def test_what_turns_with_nothing_stands_where_its_fixed_joints_place_it():
+def test_fixed_links_are_placed_by_fixed_joints():
     placed = [(path, components) for path, components in toy().shapes if path in (BASE, MAST)]
     (base, mast) = dict(placed).values()  # the later of shape and place
     assert values({BASE: base}, BASE, "Boxes3D:centers")[0] == pytest.approx([0, 0, 0.1])
     assert values({MAST: mast}, MAST, "Cylinders3D:centers")[0] == pytest.approx([0.3, 0, 1])
 
 
-def test_what_turns_is_where_all_joints_below_it_put_it():
+def test_moving_links_are_placed_by_all_joints():
     posed = dict(toy().pose(states(wheel_joint=math.pi / 2, r0=math.pi / 2, r1=0.0, other=9.0)))
     assert set(posed) == {WHEEL, ROLLERS}
     # single precision
@@ -67,7 +67,7 @@ def test_what_turns_is_where_all_joints_below_it_put_it():
     assert turned == pytest.approx(np.array([[0.5, 0.5, 0.5, 0.5]] * 2), **near)
 
 
-def test_corners_in_one_place_become_one_vertex_with_the_mean_normal():
+def test_equal_corners_become_one_vertex():
     vertices, triangles, normals = read_stl(SQUARE)
     assert len(vertices) == 4
     assert np.asarray(vertices)[triangles].tolist() == [

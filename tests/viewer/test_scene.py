@@ -55,7 +55,7 @@ def test_added_obstacles_are_drawn_until_they_are_removed(drawing):
     assert content.all(paths[1], "Clear:is_recursive") == []
 
 
-def test_observation_is_drawn_from_the_pose_at_its_capture(drawing):
+def test_observation_uses_the_pose_at_capture(drawing):
     for tick in range(5):
         pose = Pose2D(y=0.1 * tick, yaw=math.pi / 2)
         drawing.put(keys.GROUND_TRUTH, odometry(pose), 40 * tick)
@@ -84,7 +84,7 @@ def test_pedestrians_are_drawn_unless_a_robot_follows_them(drawing):
     assert limbs[..., 2].max() == pytest.approx(1.6, abs=0.1)
 
 
-def test_scan_is_drawn_from_the_lidar_within_its_range(drawing):
+def test_scan_is_drawn_within_its_range(drawing):
     scan = m.LaserScan(
         angle_min=-math.pi / 2,
         angle_increment=math.pi / 2,
@@ -116,7 +116,7 @@ def test_ramps_rails_and_patches_are_in_the_scene(tmp_path):
 
 
 @pytest.mark.parametrize("frame_id", ["world", "base_link"])
-def test_ellipse_contains_95_percent_and_turns_with_its_frame(drawing, frame_id):
+def test_ellipse_contains_95_percent_in_each_frame(drawing, frame_id):
     spread = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1.0]])
     pose = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), ros_covariance(spread.tolist()))
     drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(yaw=math.pi / 2)))
@@ -130,7 +130,7 @@ def test_ellipse_contains_95_percent_and_turns_with_its_frame(drawing, frame_id)
     assert axes @ axes.T == pytest.approx(5.991 * turned, abs=1e-3)
 
 
-def test_trail_has_the_last_minute_and_restarts_at_a_jump(drawing):
+def test_trail_has_a_minute_and_restarts_at_jumps(drawing):
     for tick in range(1001):
         drawing.put(keys.ODOM, odometry(Pose2D(tick / 100)), 100 * tick)
     drawing.put(keys.ODOM, odometry(Pose2D(20.0)), 100_200)
@@ -152,7 +152,7 @@ def test_person_without_published_joints_walks(drawing):
         assert moved_m.max() > 2 * 0.8 * 0.04
 
 
-def test_published_joints_are_drawn_as_limbs_and_visible_ones_as_bones(drawing):
+def test_joints_are_drawn_as_limbs_and_bones(drawing):
     drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
     drawing.put(keys.TARGET_SKELETON, m.Skeleton(joints=BODY))
     hidden = (0, *(2,) * (len(JOINTS) - 1))
@@ -196,7 +196,7 @@ def test_invalid_covariance_is_drawn_as_a_dot(drawing):
     assert np.abs(columns[:2]).max() < 0.01
 
 
-def test_cameras_view_is_drawn_where_the_robot_has_a_camera(tmp_path):
+def test_camera_view_is_drawn_if_there_is_one(tmp_path):
     drawing = Drawing(tmp_path, load_scenario(SCENARIOS / "crowd.toml"))
     drawing.put(keys.TARGET_ODOM, odometry(Pose2D()))
     assert layout.FRUSTUM in drawing.end().paths

@@ -32,7 +32,7 @@ def wait(viewer: ViewerClient, recordings: int) -> ViewerState:
     raise AssertionError(f"never {recordings} recordings: {state}")
 
 
-def test_late_viewer_sees_all_robots_and_switches_to_a_new_run(attach):
+def test_late_viewer_sees_all_robots_and_runs(attach):
     stage = Stage(robots=("one", "two"))
     with closing(RerunServer(ANYWHERE)) as server:
         stage.viewer.serve_at(server.uri)
@@ -76,7 +76,7 @@ def test_invalid_address_is_named():
         RerunServer(ViewerConfig(listen="nowhere"))
 
 
-def test_killed_server_is_one_line_and_survived_by_resets():
+def test_killed_server_is_one_line():
     stage = Stage()
     with closing(RerunServer(ANYWHERE)) as server:
         stage.viewer.serve_at(server.uri)

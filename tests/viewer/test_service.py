@@ -32,7 +32,7 @@ GOOD = {
 }
 
 
-def test_each_run_is_a_recording_that_late_samples_do_not_begin_again():
+def test_each_run_is_one_recording():
     stage = Stage()
     stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
     assert stage.shown == []  # an unstamped command begins no run
