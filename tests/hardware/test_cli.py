@@ -68,8 +68,6 @@ def test_a_board_that_falls_silent_ends_the_check():
     [
         ((3.0, 0.0, 0.0, 0.1), ""),
         ((0.0, 0.1, 0.0, 0.0), "no wheel turned"),
-        ((0.0, 0.0, 3.0, 0.0), "rear_left turned instead"),
-        ((-3.0, 0.0, 0.0, 0.0), "it counts backwards"),
         ((3.0, 2.0, 0.0, 0.0), "front_right turned as well"),
     ],
 )

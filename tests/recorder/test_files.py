@@ -7,16 +7,18 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from harness import error_of
+from harness import SCENARIOS, error_of
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from mecazen.errors import MecazenError
+from mecazen.loading import load_scenario, to_toml
 from mecazen.messages import Twist, Vector3
 from mecazen.wire import JSON_ENCODING, RefusedError
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
-from recorder.ticks import TICK_NS, stamp_of, tick
+from mecazen_tools.recorded import trajectory_of
+from recorder.ticks import TICK_NS, odometry, stamp_of, tick
 
 TICKS = range(20)
 
@@ -211,3 +213,19 @@ def test_existing_file_or_missing_folder_is_one_line(make_recording, tmp_path):
     assert path.read_bytes() == before
     with pytest.raises(RecordingError, match="No such file or directory"):
         RecordingWriter(tmp_path / "none" / "a.mcap")
+
+
+def test_missing_data_of_a_figure_is_one_line(tmp_path):
+    def problem(path, run=None):
+        return error_of(RecordingError, lambda: trajectory_of(Recording(path), run))
+
+    empty, path, cut = (tmp_path / f"{name}.mcap" for name in ("empty", "path", "cut"))
+    RecordingWriter(empty).close()
+    with closing(RecordingWriter(path)) as writer:
+        writer.write_run(stamp_of(0), to_toml(load_scenario(SCENARIOS / "side.toml")))
+        writer.write("odom", odometry(0), stamp_of(0), 0)
+    cut.write_bytes(path.read_bytes()[:200])
+    assert problem(empty) == f"{empty}: no run in it"
+    assert problem(path) == f"{path}: nothing on ground_truth/odom in run 7"
+    assert problem(path, 8) == f"--run 8: not in {path}, which holds 7"
+    assert problem(cut) == f"{cut}: no run in it, and its end is missing"
