@@ -17,7 +17,7 @@ THIGH, SHANK, ANKLE, HIP, SHOULDER = 0.245, 0.246, 0.039, 0.0955, 0.1295
 
 
 def body(hips=(0.0, 0.0), knees=(0.0, 0.0), arms=(0.0, 0.0), pose=(0.0, 0.0, 0.0), height=HEIGHT):
-    """Joints in the world (20, 3) [m] of somebody upright at `pose` (x, y, yaw).
+    """Joints in the world (20, 3) [m] of an upright person at `pose` (x, y, yaw).
 
     Flexions of left and right are in [rad], arms are swung forward; the pelvis's height is such
     that the lower foot touches the ground.
@@ -57,7 +57,7 @@ def body(hips=(0.0, 0.0), knees=(0.0, 0.0), arms=(0.0, 0.0), pose=(0.0, 0.0, 0.0
 
 
 def walking(t, pose=(0.0, 0.0, 0.0), stride=1.1):
-    """Joints at the time `t` [s] of a walk on the spot: stance as of a pendulum, bent in swing."""
+    """Joints at the time `t` [s] of a walk on the spot: stance like a pendulum, bent in swing."""
     hips, knees = [], []
     for lead in (0.0, 0.5):
         phase = (t / stride + lead) % 1.0

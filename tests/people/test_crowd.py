@@ -1,4 +1,4 @@
-"""Walkers who give way: where they go, and whom they keep clear of; the same for the same seed."""
+"""Pedestrians who give way: their goals, their distances, and the forces between them."""
 
 import math
 from itertools import combinations, pairwise

@@ -193,7 +193,7 @@ WRONG = {
     ),
 }
 GAIT_ONLY = "mirrored", "no toe"
-"""What is wrong only for those who walk like the recording, not along its path."""
+"""Motions that give no gait, but a path."""
 
 
 @pytest.mark.parametrize("case", WRONG)

@@ -170,19 +170,6 @@ def test_watchdog_brakes_until_the_next_command():
     assert driven.wheels == pytest.approx([4.0] * 4, abs=0.1)
 
 
-def people(*walkers: m.Person) -> m.People:
-    """Everybody: the robot's own person, far away, and walkers."""
-    return m.People(persons=(m.Person("target", m.Pose.planar(FAR)), *walkers))
-
-
-def test_walker_stops_the_robot():
-    driven = Driven()
-    walker = m.Person("walker_1", m.Pose.planar(Pose2D(x=0.8)))
-    for _ in range(80):
-        driven.tick(command=joints([20.0] * 4), person=person(), people=people(walker))
-    assert driven.pose.x < 0.45  # 0.2 m of the walker, 0.2 m of the robot
-
-
 def sample(kind: str, x: float, tick: int, joints: int = len(JOINTS)) -> dict[str, m.Message]:
     """A person at x who walks towards -x at 1 m/s: upright, or with joints above each other."""
     if kind == "pose":
@@ -248,12 +235,6 @@ def test_added_box_stops_the_robot_until_removal():
         driven.node.configure(added(driven))
         driven.drive(60, [10.0] * 4)
         assert driven.pose.x - begin > 0.2
-
-
-def test_a_box_out_of_reach_changes_no_bit():
-    plain, beside = Driven(), Driven()
-    beside.node.configure(added(beside, crate=box(3.0)))
-    assert weave(beside) == weave(plain)
 
 
 def with_rollers(**values: float) -> Robot:

@@ -68,15 +68,6 @@ def test_motion_has_the_gain_of_the_rollers_geometry(robot, twist):
     assert max(heights) - min(heights) < 1e-3 * robot.wheels.radius_m
 
 
-def test_a_standing_person_stops_the_robot(nexus):
-    rig = Rig(nexus)
-    rig.place_person(Pose2D(0.55, 0.0, 1.0), Twist2D())
-    rig.drive(wheel_speeds(nexus, Twist2D(x=0.2)), 1.6)
-    # Contact at 0.55 - 0.2 m; the base's front is 0.19 m ahead of its middle. 10 mm: it
-    # yaws round the person, as its wheels do not all pull the same.
-    assert rig.state().position[0] == pytest.approx(0.16, abs=0.01)
-
-
 def test_walking_person_pushes_the_robot(nexus):
     rig = Rig(nexus, person=PersonConfig(radius_m=0.15))
     for index in range(100):

@@ -40,7 +40,7 @@ def samples(path: Path) -> list[Sample]:
 
 
 def record(net: Net, path: Path, *options: object) -> Command:
-    """Start `mecazen record`, and wait until whoever publishes knows of it."""
+    """Start `mecazen record`, and wait until the bus of the test knows of it."""
     if not net.commands:
         net.bus.declare_alive("test")
     recorder = net.start("record", "-o", path, *options)

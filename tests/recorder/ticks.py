@@ -1,4 +1,4 @@
-"""What is published in a tick, and its stamp."""
+"""Samples of a tick, and their stamp."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ def odometry(number: float) -> m.Odometry:
 
 
 def tick(number: int) -> dict[str, Any]:
-    """What is published in a tick, by key."""
+    """Return the samples of a tick, by key."""
     return {
         "clock": m.Clock(),
         "joint_states": m.JointState(name=("a", "b"), position=(number / 3, 5e-324)),

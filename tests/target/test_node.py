@@ -23,7 +23,7 @@ DRIVEN = Driven(timeout_s=0.05)
 
 
 class Target(Steps):
-    """A person on a path; the sensor is exact unless told otherwise."""
+    """A person on a path; the sensor is exact by default."""
 
     def __init__(self, path, gait=None, tick_s=0.01, seed=1, **sensor):
         scenario = Scenario(
