@@ -77,7 +77,7 @@ help:
 	@echo "make results      the experiments and benchmarks whose inputs have changed, their tables and figures (ONLY=table2)"
 	@echo "make bench-peers  the same robot in MuJoCo and in Gazebo's physics"
 	@echo "make graph        what is made from the code: references, tables, access rules"
-	@echo "make pictures     the pictures of the documents, from runs (ONLY=hero)"
+	@echo "make pictures     the pictures of the documents, from runs (ONLY=viewer)"
 	@echo "make notebook     all cells of examples/notebook.ipynb again"
 	@echo "make docs         the documentation as a site, in site/; each link must lead somewhere"
 	@echo "make dist         a source distribution and its wheel, to be installed elsewhere: docs/deploy.md"

@@ -1,10 +1,15 @@
-"""Pictures of the viewer: views of scenarios without the window's frame, and plots on white."""
+"""Makes the pictures of the documents that `make results` does not make: views of the viewer.
+
+Run from the repository by `make pictures`, or for some pictures: ONLY="senses viewer".
+"""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,13 +39,14 @@ SCENE_PX, ABOVE_PX, GAP_PX = (1000, 580), (494, 580), 6
 PLOTS_PX, DPI = (1500, 300), 100.0
 PLOTTED_S = 30.0
 PURPLE = PALETTE[3]
+DOCS = Path(__file__).parent
 WIDE = {"font.size": 13.0, "axes.linewidth": 1.0, "lines.linewidth": 1.6, "grid.linewidth": 0.6}
 """Style with larger text than in print: the picture is shown at half its size."""
 
 
-def scene(file: Path, scenario: str, at_s: float) -> None:
-    """Draw the scene of a scenario at a simulated time [s]."""
-    with _shown(scenario, at_s) as viewer:
+def scene(file: Path, scenario: str, at_s: float, world: str | None = None) -> None:
+    """Draw a view of a scenario at a simulated time [s]."""
+    with _shown(scenario, at_s, world) as viewer:
         _save(_view(viewer, SCENE, SCENE_PX), file)
 
 
@@ -55,7 +61,7 @@ def views(file: Path, scenario: str, at_s: float) -> None:
 
 
 @contextmanager
-def _shown(scenario: str, at_s: float) -> Iterator[ViewerClient]:
+def _shown(scenario: str, at_s: float, world: str | None = None) -> Iterator[ViewerClient]:
     """Run a scenario as processes until a viewer shows a simulated time [s]."""
     path = scenario_path(scenario)
     data_port = free_port("viewer.data_port", 0)
@@ -63,6 +69,7 @@ def _shown(scenario: str, at_s: float) -> Iterator[ViewerClient]:
         f"viewer.data_port={data_port}",
         "viewer.web_port=0",
         *private_router(),
+        *(() if world is None else (f"world={world}",)),
     )
     supervisor = Supervisor(path, settings)
     try:
@@ -78,9 +85,7 @@ def _shown(scenario: str, at_s: float) -> Iterator[ViewerClient]:
             viewer.open(uri(data_port))
             shown_s = 0.0
             while shown_s < at_s:
-                viewer.take_screenshot(
-                    max_size=64
-                )  # each screenshot lets the viewer process incoming data
+                viewer.take_screenshot(max_size=64)  # lets the viewer process incoming data
                 supervisor.poll(0.0)
                 for recording in viewer.get_state().recordings:
                     shown_s = (recording.current_time or 0) / 1e9
@@ -92,7 +97,7 @@ def _shown(scenario: str, at_s: float) -> Iterator[ViewerClient]:
 
 def _view(viewer: ViewerClient, name: str, size: tuple[int, int]) -> Image.Image:
     """Return the middle of a view, in the largest crop with this aspect ratio."""
-    (view,) = (view for view in viewer.get_state().views if view.name == name)
+    view = next(view for view in viewer.get_state().views if view.name == name)
     taken = Image.open(io.BytesIO(viewer.take_screenshot(view.view_id))).convert("RGB")
     scale = min(taken.width / size[0], taken.height / size[1])
     width, height = scale * size[0], scale * size[1]
@@ -135,3 +140,27 @@ def _plots(scenario: str, at_s: float) -> Image.Image:
 
 def _save(picture: Image.Image, file: Path) -> None:
     picture.point(lambda level: level | DROPPED_BITS).save(file, optimize=True)
+
+
+PICTURES: dict[str, Callable[[Path], None]] = {
+    "figures/convoy.png": partial(scene, scenario="convoy", at_s=6.0),
+    "figures/places.png": partial(scene, scenario="tug", at_s=3.0, world="clinic_corridor"),
+    "senses.png": partial(scene, scenario="senses", at_s=7.0),
+    "viewer.png": partial(views, scenario="side", at_s=37.0),
+}
+"""The function that draws each picture, by its path in docs/."""
+
+
+def main(names: list[str]) -> None:
+    """Draw pictures by their names without suffix, or all."""
+    known = {Path(place).stem: place for place in PICTURES}
+    if unknown := sorted({*names} - {*known}):
+        sys.exit(f"no picture {unknown[0]!r}; pictures: {', '.join(known)}")
+    for name in names or known:
+        file = DOCS / known[name]
+        PICTURES[known[name]](file)
+        print(f"docs/{known[name]}: {file.stat().st_size / 1000:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
