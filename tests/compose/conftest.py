@@ -23,7 +23,7 @@ GUARD_S = 120.0
 STOP_S = 10.0
 """The limit for stopping everything, which takes 3 s on an idle machine."""
 
-BUILT = (
+BUILT = [
     "router",
     "physics",
     "controller",
@@ -33,27 +33,8 @@ BUILT = (
     "recorder",
     "sensors",
     "guard",
-)
+]
 """Services of docker-compose.yml, one for each image; `crowd` runs in that of `target`."""
-
-
-class Follower:
-    """Whom the follower sees, and where the robot and the person are."""
-
-    def __init__(self, bus: ZenohBus) -> None:
-        topics = keys.FOLLOWER_STATE, keys.ODOM, keys.TARGET_ODOM
-        self.state, self.robot, self.person = (Newest(bus, topic) for topic in topics)
-
-    def follows(self, distance_m: float) -> bool:
-        """Return whether the robot follows, is so far from its start, and near the person."""
-        if None in (self.state.message, self.robot.message, self.person.message):
-            return False
-        moved = self.robot.pose.distance(Pose2D(-1.0))  # from the start of `back`
-        apart = self.robot.pose.distance(self.person.pose)
-        # it is to keep 1.2 m; one that stands still soon falls behind
-        return (
-            self.state.message.tracking == "following" and moved > distance_m and 0.8 < apart < 1.6
-        )
 
 
 class Stack(Compose):
@@ -101,15 +82,27 @@ class Stack(Compose):
 
     def await_following(self, bus: ZenohBus, distance_m: float = 0.0) -> None:
         """Wait until the robot follows, and is so far from its start."""
-        follower = Follower(bus)
-        self.wait(bus, lambda: follower.follows(distance_m))
+        topics = keys.FOLLOWER_STATE, keys.ODOM, keys.TARGET_ODOM
+        state, robot, person = newest = [Newest(bus, topic) for topic in topics]
+
+        def follows() -> bool:
+            if any(topic.message is None for topic in newest):
+                return False
+            moved = robot.pose.distance(Pose2D(-1.0))  # from the start of `back`
+            apart = robot.pose.distance(person.pose)
+            # it is to keep 1.2 m; one that stands still soon falls behind
+            is_near = moved > distance_m and 0.8 < apart < 1.6
+            return is_near and state.message.tracking == "following"
+
+        self.wait(bus, follows)
 
     def down(self) -> None:
         """Stop all containers: in time, and nothing is left of the project."""
         begin = time.monotonic()
         self.run("stop")
-        assert time.monotonic() - begin < STOP_S
+        stopped_s = time.monotonic() - begin
         self.close()
+        assert stopped_s < STOP_S
         for kind in (("ps", "--all"), ("network", "ls"), ("volume", "ls")):
             assert docker(*kind, "--quiet", *self.filters) == ""
 
@@ -118,9 +111,9 @@ class Stack(Compose):
         since = f"--since={self.begin:.3f}"
         filters = (*self.filters, f"--filter=event={event}")
         for line in self._follow("events", "--format", "{{json .}}", since, *filters):
-            told: dict[str, Any] = json.loads(line)
-            service = told["Actor"]["Attributes"]["com.docker.compose.service"]
-            if event in told["status"] and done(service):
+            report: dict[str, Any] = json.loads(line)
+            service = report["Actor"]["Attributes"]["com.docker.compose.service"]
+            if event in report["status"] and done(service):
                 return
         raise AssertionError(f"no {event} in {GUARD_S:g} s: {self.run('logs')}")
 
