@@ -1,5 +1,7 @@
 """Helpers for the tests of all services: commands, a simulated bus, and rigs."""
 
+import io
+import logging
 import os
 import signal
 import subprocess
@@ -7,6 +9,7 @@ import sys
 import time
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -58,6 +61,31 @@ def mecazen(
         check=False,
         preexec_fn=before,
     )
+
+
+def here(
+    *arguments: object, folder: Path = ROOT, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end as `mecazen` does, but in this process, which has started."""
+    from mecazen_tools.cli import main  # not every environment of a service has it
+
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(out),
+        redirect_stderr(err),
+        chdir(folder),
+    ):
+        for name, value in {"COLUMNS": "160", "TERM": "dumb", **variables}.items():
+            patch.setenv(name, value)
+        patch.setattr(sys, "argv", ["mecazen", *map(str, arguments)])
+        # a command that logs sends it to its standard error
+        patch.setattr(logging.root, "handlers", [])
+        patch.setattr(logging.root, "level", logging.root.level)
+        with pytest.raises(SystemExit) as ended:
+            main()
+    texts = (stream.buffer.getvalue().decode() for stream in (out, err))
+    return subprocess.CompletedProcess(arguments, ended.value.code or 0, *texts)
 
 
 class Command:

@@ -18,6 +18,7 @@ from harness import (
     Newest,
     assert_one_line,
     endpoint_of,
+    here,
     load_robot,
     mecazen,
     options,
@@ -31,10 +32,8 @@ from mecazen_tools.processes import free_port, private_router
 from mecazen_tools.simulation import Simulation
 
 README = (ROOT / "README.md").read_text()
-QUICKSTART, EXTEND, TROUBLESHOOTING, HARDWARE, EXPERIMENTS, PROCESS = (
-    (ROOT / "docs" / f"{page}.md").read_text()
-    for page in ("quickstart", "extend", "troubleshooting", "hardware", "experiments", "process")
-)
+PAGES = {page.stem: page.read_text() for page in (ROOT / "docs").glob("*.md")}
+QUICKSTART, EXTEND, HARDWARE = (PAGES[name] for name in ("quickstart", "extend", "hardware"))
 BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 
 
@@ -51,8 +50,12 @@ def write_files(page, folder):
 
 # templates
 
-SHOWN = {"my_follower.py": QUICKSTART, "my_sensor.py": EXTEND, "my_process.py": PROCESS}
-LINKED = {"my_robot.toml": EXTEND, "my_study.toml": EXPERIMENTS}
+SHOWN = {
+    "my_follower.py": QUICKSTART,
+    "my_sensor.py": EXTEND,
+    "my_process.py": PAGES["process"],
+}
+LINKED = {"my_robot.toml": EXTEND, "my_study.toml": PAGES["experiments"]}
 
 
 def test_the_documents_show_or_link_each_template():
@@ -64,18 +67,9 @@ def test_the_documents_show_or_link_each_template():
         assert f"(../examples/new/{name})" in page, name
 
 
-def test_a_new_process_is_the_example(here, monkeypatch, tmp_path):
-    # test_driving.py runs it
-    monkeypatch.chdir(tmp_path)
-    assert here("new", "process", "lead").returncode == 0
-    example = ROOT / "examples" / "new" / "my_process.py"
-    assert (tmp_path / "lead.py").read_text() == example.read_text()
-
-
 @pytest.mark.parametrize("kind", ["follower", "sensor", "robot", "study"])
-def test_a_new_file_runs_by_the_commands_that_are_printed(kind, here, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    done = here("new", kind, f"lead_{kind}")
+def test_a_new_file_runs_by_the_commands_that_are_printed(kind, tmp_path):
+    done = here("new", kind, f"lead_{kind}", folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     (file,) = tmp_path.iterdir()
     assert not re.search(rf"my_{kind}|My{kind.title()}", file.read_text())
@@ -84,9 +78,9 @@ def test_a_new_file_runs_by_the_commands_that_are_printed(kind, here, monkeypatc
     for command in commands:
         words = shlex.split(command.replace("mecazen up", "mecazen simulate"))[1:]
         short = SHORTER.get(words[0], ("--duration", "2"))
-        ran = here(*words, *short)
+        ran = here(*words, *short, folder=tmp_path)
         assert ran.returncode == 0, ran.stderr
-    again = here("new", kind, f"lead_{kind}")
+    again = here("new", kind, f"lead_{kind}", folder=tmp_path)
     assert_one_line(again, 2, file.name, "exists already")
 
 
@@ -94,12 +88,6 @@ SHORTER = {
     "compare": ("--seeds", "1", "--duration", "2"),
     "experiment": ("--seeds", "1", "--only", "case=circle", "--set", "sim.duration_s=2.0"),
 }
-
-
-def test_the_scenarios_are_listed_with_a_sentence(here):
-    shown = here("scenarios").stdout
-    for file in SCENARIOS.glob("*.toml"):
-        assert re.search(rf"│ {file.stem} +│ [A-Z]\w* ", shown), file
 
 
 # README
@@ -119,7 +107,10 @@ def test_names_and_links_of_the_readme_exist():
     targets = [part.partition(")")[0] for part in README.split("](")[1:]]
     files = [name.partition("#")[0] for name in targets if "://" not in name]
     assert not [name for name in files if not (ROOT / name).exists()]
-    assert all(f"`{path.stem}`" in README for path in SCENARIOS.glob("*.toml"))
+    listed = here("scenarios").stdout
+    for scenario in SCENARIOS.glob("*.toml"):
+        assert f"`{scenario.stem}`" in README
+        assert re.search(rf"│ {scenario.stem} +│ [A-Z]\w* ", listed), scenario
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert mecazen("--version").stdout.split()[-1] == citation["version"]
 
@@ -170,15 +161,10 @@ def run(commands, folder, *options):
     printed = ""
     for words in commands:
         assert words[0] == "mecazen"
-        done = mecazen(*options, *words[1:], folder=folder)
+        done = here(*options, *words[1:], folder=folder)
         assert (done.returncode, done.stderr) == (0, ""), words
         printed += done.stdout
     return printed
-
-
-def test_the_version_is_the_one_that_is_shown(quickstart):
-    ((commands, shown),) = steps("Install")
-    assert_shown(run(commands[-1:], quickstart), shown)
 
 
 @pytest.mark.parametrize("section", ["Watch", "Drive"])
@@ -199,15 +185,16 @@ def test_a_scenario_starts_and_answers_the_commands_of_another_terminal(section,
     assert code == 0
 
 
-@pytest.mark.parametrize("section", ["Compare it", "Record and replay"])
-def test_the_follower_of_the_page_gives_the_scores_that_are_shown(section, quickstart):
+@pytest.mark.parametrize("section", ["Install", "Compare it", "Record and replay"])
+def test_the_commands_of_a_section_print_what_it_shows(section, quickstart):
     ((commands, shown),) = steps(section)
-    assert_shown(run(commands, quickstart), shown)
+    ours = [words for words in commands if words[0] == "mecazen"]
+    assert_shown(run(ours, quickstart), shown)
 
 
 # troubleshooting.md
 
-LINES = re.findall(r"^\| `((?:error|warning): .*?)` \|", TROUBLESHOOTING, re.MULTILINE)
+LINES = re.findall(r"^\| `((?:error|warning): .*?)` \|", PAGES["troubleshooting"], re.MULTILINE)
 UNUSED = f"tcp/127.0.0.1:{free_port()}"
 BRIEF = ("simulate", "back", "--duration", "0.1", "--set")
 MISTAKES = {
@@ -222,36 +209,43 @@ MISTAKES = {
 @pytest.mark.parametrize("words", MISTAKES)
 def test_a_mistake_prints_a_line_of_the_page(words, tmp_path):
     (line,) = (line for line in LINES if words in line)
-    done = mecazen(*MISTAKES[words], folder=tmp_path)
+    done = here(*MISTAKES[words], folder=tmp_path)
     printed = done.stderr.replace("`", "").splitlines()
     assert any(pattern(line).fullmatch(shown) for shown in printed), done.stderr
 
 
-# extend.md
+# other pages
 
-SHELL = "\n".join(block for kind, block in BLOCK.findall(EXTEND) if kind == "sh")
-COMMANDS = [line for line in SHELL.splitlines() if line]
-RUN = [line for line in COMMANDS if not re.match("mecazen (up|new)", line)]
+
+def run_page(page, folder, first_s=2):
+    """Run the commands of a page that end, for some seconds the first simulation, the others 2."""
+    seconds, printed = first_s, ""
+    for kind, block in BLOCK.findall(page):
+        if kind == "text":
+            assert_shown(printed, block.splitlines())
+        for line in block.splitlines() if kind == "sh" else ():
+            words = shlex.split(line, comments=True)
+            if not words or words[1] in {"up", "experiment"}:
+                continue
+            short = []
+            if words[1] == "simulate":
+                short, seconds = ["--set", f"sim.duration_s={seconds}.0"], 2
+            printed += run([[*words, *short]], folder)
 
 
 @pytest.fixture(scope="module")
 def extend(tmp_path_factory):
-    """The files of the page, and those that it makes by `mecazen new`."""
+    """The files of the page."""
     folder = tmp_path_factory.mktemp("extend")
     write_files(EXTEND, folder)
-    run([shlex.split(line) for line in COMMANDS if " new " in line], folder)
     return folder
 
 
-@pytest.mark.parametrize("line", RUN)
-def test_a_command_of_the_page_works(extend, line):
-    words = shlex.split(line)[1:]
-    short = ("--set", "sim.duration_s=1.0") if words[0] == "simulate" else ()
-    done = mecazen(*words, *short, folder=extend)
-    assert (done.returncode, done.stderr) == (0, "")
+def test_the_commands_of_extend_work(extend):
+    run_page(EXTEND, extend)
 
 
-def test_a_board_of_the_page_takes_speeds_and_reports_angles(extend):
+def test_the_board_of_the_page_takes_speeds_and_reports_angles(extend):
     scenario = extend / "board.toml"
     scenario.write_text('robot = "nexus"\n[hardware]\nboard = "my_board.py:MyBoard"\n')
     board = make_board(load_scenario(scenario).hardware, load_robot())
@@ -264,7 +258,7 @@ def test_a_board_of_the_page_takes_speeds_and_reports_angles(extend):
 
 
 def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(extend):
-    assert any("mecazen up my_hardware.toml" in line for line in COMMANDS)
+    assert "mecazen up my_hardware.toml" in EXTEND
     moved = []
     with Simulation(load_scenario(extend / "my_hardware.toml")) as sim:
         for tick, _ in enumerate(sim.ticks(3.0)):
@@ -276,11 +270,6 @@ def test_the_driver_of_a_robot_moves_it_and_stops_when_nobody_commands(extend):
     assert moved[-1] == moved[-50]
 
 
-# robot.md
-
-ROBOT = (ROOT / "docs" / "robot.md").read_text()
-
-
 def test_a_robot_is_imported_and_follows_as_on_the_page(tmp_path):
     pytest.importorskip("xacrodoc")
     for file in (ROOT / "tests" / "system" / "robots").iterdir():
@@ -288,37 +277,17 @@ def test_a_robot_is_imported_and_follows_as_on_the_page(tmp_path):
         suffix = file.name.partition(".")[2]
         name = file.name if suffix == "yaml" else f"my_robot.{suffix}"
         (tmp_path / name).write_text(text)
-    printed = ""
-    for kind, block in BLOCK.findall(ROBOT):
-        if kind == "text":
-            assert_shown(printed, block.splitlines())
-        else:
-            for line in block.splitlines():
-                short = ["--duration", "2"] * ("simulate" in line)
-                printed += run([[*shlex.split(line), *short]], tmp_path)
-
-
-# motion.md
-
-MOTION = (ROOT / "docs" / "motion.md").read_text()
+    run_page(PAGES["robot"], tmp_path)
 
 
 def test_a_motion_file_is_walked_as_on_the_page(tmp_path):
-    write_files(MOTION, tmp_path)
-    lines = [
-        line for kind, block in BLOCK.findall(MOTION) if kind == "sh" for line in block.split("\n")
-    ]
-    for n, line in enumerate(filter(None, lines)):
-        short = ["--duration", "2" if n > 1 else "8"] * ("simulate" in line)
-        run([[*shlex.split(line), *short]], tmp_path)
-
-
-# world.md
+    write_files(PAGES["motion"], tmp_path)
+    run_page(PAGES["motion"], tmp_path, first_s=8)
 
 
 def test_a_map_and_recorded_people_work_as_on_the_page(tmp_path):
-    page = (ROOT / "docs" / "world.md").read_text()
-    maps, people = re.findall(r"## (?:Maps of Nav2|Recorded people)\n.*?(?=\n## )", page, re.DOTALL)
+    sections = re.compile(r"## (?:Maps of Nav2|Recorded people)\n.*?(?=\n## )", re.DOTALL)
+    maps, people = sections.findall(PAGES["world"])
     walls = bytearray(b"\xfe" * 400 * 400)
     walls[: 400 * 10] = bytes(400 * 10)
     (tmp_path / "floor.pgm").write_bytes(b"P5 400 400 255\n" + walls)
@@ -328,12 +297,7 @@ def test_a_map_and_recorded_people_work_as_on_the_page(tmp_path):
     )
     rows = [f"{6 * n} {i} {n / 4} 0 {i / 50} 0 0 0\n" for n in range(20) for i in (100, 171)]
     (tmp_path / "obsmat.txt").write_text("".join(rows))
-    lines = [line for _, block in BLOCK.findall(maps + people) for line in block.splitlines()]
-    for line in lines:
-        words = shlex.split(line, comments=True)
-        short = ["--duration", "1"] * (words[1] == "simulate")
-        if words[1] != "experiment":
-            run([[*words, *short]], tmp_path)
+    run_page(maps + people, tmp_path)
 
 
 # hardware.md
