@@ -18,7 +18,6 @@ BESIDE_A_WALL = {
     "follower.view": "side_left",
 }
 CASES = {
-    "a wall": (BESIDE_A_WALL, None),
     # through the gap of 1.6 m, after 4 s
     "crossing": (
         {"world.obstacles": [], "follower.standoff_m": 1.6, "start": {"x_m": -1.6}},
@@ -40,7 +39,7 @@ CASES = {
 def test_the_robot_keeps_to_its_person(case):
     settings, walker = CASES[case]
     path = {"kind": "straight", "speed_m_s": 0.6, "length_m": 20.0}
-    crowd = [{"path": {"kind": "straight"} | walker}] if walker else []
+    crowd = [{"path": {"kind": "straight"} | walker}]
     scenario = load_scenario(
         SCENARIOS / "senses.toml",
         {
