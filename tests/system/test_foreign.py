@@ -9,19 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from harness import ROOT, SCENARIOS
+from harness import ROOT, SCENARIOS, here
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mecazen.loading import load_scenario
 from mecazen_recorder.foreign import open_recording
-from mecazen_tools.cli.app import app
-from mecazen_tools.simulate import simulate
+from mecazen_tools.simulation import Simulation
 from mecazen_viewer.service import draw
-from msgspec.structs import replace
-from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
-from typer.testing import CliRunner
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 UNIX_NS = 1_760_000_000 * 10**9
@@ -104,18 +101,16 @@ def bag(request, tmp_path_factory) -> Path:
 
 
 def run(*arguments: object) -> str:
-    """Run a command that succeeds in this process; return what it prints."""
-    shown = CliRunner().invoke(app, list(map(str, arguments)))
-    assert shown.exit_code == 0, (shown.exception, shown.output)
-    return shown.output
+    """Run a command that succeeds; return what it prints."""
+    done = here(*arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def refused(*arguments: object) -> str:
     """Return the line of a command that fails."""
-    error = CliRunner().invoke(app, list(map(str, arguments))).exception
-    assert error is not None
-    assert len(str(error).splitlines()) == 1
-    return str(error)
+    (line,) = here(*arguments).stderr.splitlines()
+    return line
 
 
 def test_bags_have_contents_scores_and_pictures(bag, tmp_path):
@@ -130,27 +125,22 @@ def test_bags_have_contents_scores_and_pictures(bag, tmp_path):
     assert score["d_err_m"] == pytest.approx(abs(1.0 - standoff), abs=1e-6)
     run("plot", bag, *back, "-o", tmp_path / "run.svg")
     assert (tmp_path / "run.svg").stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    "reference", ["ground_truth/odom=/mocap/pose", "ground_truth/odom=/tf:robot"]
-)
-def test_each_type_of_pose_is_a_reference_with_velocity(reference, bag):
-    recording = open_recording(bag, reference)
-    poses = [s.message(s.kind) for s in recording.samples() if s.key == "ground_truth/odom"]
-    assert len(poses) == 400
-    assert poses[0].header.stamp.ns == 0
-    assert poses[200].pose.pose.position.x == pytest.approx(1.0)
-    assert poses[200].twist.twist.linear.x == pytest.approx(0.5)
+    for reference in ("ground_truth/odom=/mocap/pose", "ground_truth/odom=/tf:robot"):
+        samples = open_recording(bag, reference).samples()
+        poses = [s.message(s.kind) for s in samples if s.key == "ground_truth/odom"]
+        assert len(poses) == 400
+        assert poses[0].header.stamp.ns == 0
+        assert poses[200].pose.pose.position.x == pytest.approx(1.0)
+        assert poses[200].twist.twist.linear.x == pytest.approx(0.5)
+    drive = drives(bag, TOPICS)
+    assert drive.wheels[-1] == pytest.approx(np.full(4, 0.5 * 3.99 / 0.05))
+    assert drive.poses[-1] == pytest.approx([0.5 * 3.99, 0.0, 0.0])
 
 
 def test_the_commands_of_the_document_run(bag, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "drive").symlink_to(bag)
     rows = (f"{0.01 * n:.2f},{n},0,0,{n + 100},0,0\n" for n in range(50))
-    names = (
-        CSV.format(time="t", rows="").replace("x_m", "x_cm").replace("target_y_m", "target_y_cm")
-    )
     names = "t,x_cm,y_cm,yaw_deg,target_x_cm,target_y_cm,target_yaw_deg\n"
     (tmp_path / "drive.csv").write_text(names + "".join(rows))
     section = (ROOT / "docs" / "recording.md").read_text().partition("## Your recordings\n")[2]
@@ -163,7 +153,8 @@ def test_the_commands_of_the_document_run(bag, tmp_path, monkeypatch):
         elif words[0] == "identify":  # straight ahead shows no parameter
             drives(Path(words[1]), words[-1])
         else:
-            run(*words)
+            done = here(*words, folder=tmp_path)
+            assert done.returncode == 0, done.stderr
 
 
 def drives(path: Path, topics: str = "") -> Any:
@@ -172,24 +163,6 @@ def drives(path: Path, topics: str = "") -> Any:
 
     (drive,), _ = data.read([path], topics)
     return drive
-
-
-def test_identify_reads_bags(bag):
-    drive = drives(bag, TOPICS)
-    assert drive.wheels[-1] == pytest.approx(np.full(4, 0.5 * 3.99 / 0.05))
-    assert drive.poses[-1] == pytest.approx([0.5 * 3.99, 0.0, 0.0])
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory) -> Path:
-    """Record a few seconds behind a walking person, seen by the robot's sensors."""
-    path = tmp_path_factory.mktemp("run") / "run.mcap"
-    scenario = load_scenario(
-        SCENARIOS / "mocap.toml", {"sim.duration_s": 8.0, "recorder.file": str(path)}
-    )
-    scenario = replace(scenario, services=(*scenario.services, "recorder"))
-    simulate(scenario, "mocap")
-    return path
 
 
 def cut(path: Path, copy: Path) -> None:
@@ -215,28 +188,18 @@ def cut(path: Path, copy: Path) -> None:
         writer.finish()
 
 
-def convert(path: Path, folder: Path) -> None:
-    """Copy a recording into SQLite, as `ros2 bag convert` does."""
-    with Reader(path) as bag, BagWriter(folder, version=9, storage_plugin=STORAGES[1]) as writer:
-        connections = {
-            c.id: writer.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, rihs01="?")
-            for c in bag.connections
-        }
-        for connection, time_ns, payload in bag.messages():
-            writer.write(connections[connection.id], time_ns, payload)
-
-
-@pytest.mark.parametrize(("change", "options"), [(cut, ()), (convert, ("--scenario", "mocap"))])
-def test_every_command_reads_our_recording_after_a_tool(change, options, recorded, tmp_path):
-    file = tmp_path / ("cut.mcap" if change is cut else "bag")
-    change(recorded, file)
+def test_every_command_reads_our_recording_after_a_tool(tmp_path):
+    recorded, file = tmp_path / "run.mcap", tmp_path / "cut.mcap"
+    with Simulation("mocap", duration_s=8.0, record=recorded) as sim:
+        sim.run()
+    cut(recorded, file)
     assert "skeleton/observation" in run("info", file)
-    assert "distance" in run("score", file, *options)
-    run("plot", file, *options, "-o", tmp_path / "run.svg")
-    assert "identical" in run("replay", file, "--through", "follower", *options)
+    assert "distance" in run("score", file)
+    run("plot", file, "-o", tmp_path / "run.svg")
+    assert "identical" in run("replay", file, "--through", "follower")
     assert "cadence" in run("gait", file).lower()
     assert len(drives(file).times) > 600
-    assert draw(open_recording(file, *(("", options[1]) if options else ())), tmp_path)
+    assert draw(open_recording(file), tmp_path)
 
 
 CSV = "{time},x_m,y_cm,yaw_deg,target_x_m,target_y_m,target_yaw_rad\n{rows}"
@@ -244,13 +207,7 @@ CSV = "{time},x_m,y_cm,yaw_deg,target_x_m,target_y_m,target_yaw_rad\n{rows}"
 
 @pytest.mark.parametrize(
     ("time", "first", "step"),
-    [
-        ("time_s", 0.0, 0.01),
-        ("t", 1.76e9, 0.01),
-        ("timestamp", 1.76e18, 1e7),
-        ("time", 500.0, 10.0),
-        ("stamp_us", 7.0, 1e4),
-    ],
+    [("t", 1.76e9, 0.01), ("timestamp", 1.76e18, 1e7), ("stamp_us", 7.0, 1e4)],
 )
 def test_times_in_csv_have_any_unit_and_epoch(time, first, step, tmp_path):
     file = tmp_path / "drive.csv"
@@ -262,44 +219,32 @@ def test_times_in_csv_have_any_unit_and_epoch(time, first, step, tmp_path):
     assert shown["end_s"] - shown["begin_s"] == pytest.approx(0.99, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("command", "line"),
-    [
+def test_what_is_missing_is_one_line(bag, tmp_path):
+    for command, line in (
         ("score BAG", "without the configuration of run 1; --scenario NAME says which scenario"),
-        ("score BAG --scenario back", "nothing on ground_truth/odom in run 1; --topics ground_tru"),
+        ("score BAG --scenario back", "nothing on ground_truth/odom in run 1; --topics ground_tr"),
         ("plot BAG --scenario back", "takes it from /mocap/pose or /vicon/subject or /tf"),
-        ("identify BAG", "no joint_states; --topics joint_states=TOPIC takes it from /robot/joint"),
+        ("identify BAG", "no joint_states; --topics joint_states=TOPIC takes it from /robot/join"),
         ("gait BAG", "no body in run 0; runs with one: none; no topic has its type"),
-        (
-            "replay BAG --through follower",
-            "holds no run with its configuration; --scenario NAME says",
-        ),
+        ("replay BAG --through follower", "holds no run with its configuration; --scenario NAME"),
         ("view BAG", "without the configuration of run 1"),
         ("info BAG --topics odom=/odometry", "odom: no odometry; it has robot/joint_states"),
         ("info BAG --topics odm=/odom", "no such key; did you mean odom?"),
         ("info BAG --topics odom", "must be KEY=TOPIC"),
-        ("info BAG --topics odom=/robot/joint_states", "is a sensor_msgs/msg/JointState; odom ta"),
+        ("info BAG --topics odom=/robot/joint_states", "is a sensor_msgs/msg/JointState; odom"),
         ("info BAG --topics odom=/tf", "holds the frames robot, person; KEY=TOPIC:FRAME chooses"),
         ("info none.csv", "can't be read: No such file"),
         ("info none.db3", "can't be read as a recording of ROS 2: File"),
-    ],
-)
-def test_what_is_missing_for_a_command_is_one_line(command, line, bag):
-    words = [str(bag) if word == "BAG" else word for word in command.split()]
-    assert line in refused(*words)
-
-
-@pytest.mark.parametrize(
-    ("text", "line"),
-    [
+    ):
+        words = [str(bag) if word == "BAG" else word for word in command.split()]
+        assert line in refused(*words)
+    file = tmp_path / "drive.csv"
+    for text, line in (
         ("t,x\n0,1\n1,1\n", "column x has no unit: name it x_m or x_cm or x_mm"),
         ("a,x_m\n0,1\n", "no column time_s (ms, us, ns); it has a, x_m"),
         ("t,x_m\n0\n", "Line #2 (got 1 columns instead of 2)"),
         ("t,x_m\n0,1\n0,1\n", "t must increase, but not in row 3"),
         ("t,x_m\n0,1\n1,1\n", "nothing known in t, x_m; needs columns robot_x_m"),
-    ],
-)
-def test_wrong_csv_is_one_line(text, line, tmp_path):
-    file = tmp_path / "drive.csv"
-    file.write_text(text)
-    assert line in refused("score", file, "--scenario", "back")
+    ):
+        file.write_text(text)
+        assert line in refused("score", file, "--scenario", "back")

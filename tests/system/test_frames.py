@@ -6,20 +6,12 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from harness import SCENARIOS
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from mecazen import Simulation, keys
+from mecazen import Simulation
 from mecazen.arrays import chain, turn
-from mecazen.bus import LocalBus
-from mecazen.config import RecorderConfig
-from mecazen.geometry import Pose2D, Twist2D
-from mecazen.loading import load_scenario, to_toml
-from mecazen.messages import JointState, Odometry, Time, planar_odometry
-from mecazen.schema import OutputFile
-from mecazen.wire import Stamp
+from mecazen.messages import JointState, Odometry
 from mecazen_recorder.reader import Recording
-from mecazen_recorder.service import Recorder
 
 
 def frames_of(path):
@@ -33,10 +25,9 @@ def frames_of(path):
     return decoded
 
 
-@pytest.mark.parametrize(("scenario", "prefixes"), [("back", ("",)), ("convoy", ("one/", "two/"))])
-def test_the_frames_place_each_robot_as_it_moved(scenario, prefixes, tmp_path):
-    path = tmp_path / "run.mcap"
-    with Simulation(SCENARIOS / f"{scenario}.toml", duration_s=0.5, record=path) as sim:
+def test_the_frames_place_each_robot_as_it_moved(tmp_path):
+    path, prefixes = tmp_path / "run.mcap", ("one/", "two/")
+    with Simulation("convoy", duration_s=0.5, record=path) as sim:
         sim.run()
     decoded = frames_of(path)
     samples = list(Recording(path).samples())
@@ -78,20 +69,3 @@ def test_the_frames_place_each_robot_as_it_moved(scenario, prefixes, tmp_path):
         )
         position = states.position[states.name.index("front_left_wheel_joint")]
         assert math.remainder(angle - position, math.tau) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_frames_of_a_run_follow_from_its_samples_alone(tmp_path):
-    path, bus = tmp_path / "run.mcap", LocalBus()
-    toml = to_toml(load_scenario(SCENARIOS / "back.toml"))
-    recorder = Recorder(bus, RecorderConfig(file=OutputFile(path)), lambda: toml)
-    odom = planar_odometry(Time(), "odom", "base_link", Pose2D(), Twist2D())
-    for topic, run in (
-        (keys.GROUND_TRUTH, 1),
-        (keys.ODOM, 1),  # the odom frame in the world, and the base in it
-        (keys.ODOM, 2),  # the truth of run 2 is not known yet ...
-        (keys.GROUND_TRUTH, 1),  # ... nor from a late sample of run 1
-        (keys.ODOM, 2),
-    ):
-        bus.publisher(topic).put(odom, Stamp(0, run, 1))
-    recorder.writer.close()
-    assert [len(message.transforms) for message in frames_of(path)["/tf"]] == [2, 1, 1]

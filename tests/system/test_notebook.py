@@ -5,10 +5,8 @@ import subprocess
 import sys
 
 import nbformat
-import pytest
 from harness import COMMAND_GUARD_S, ROOT
 from mecazen import Simulation
-from mecazen.errors import MecazenError
 from rerun.notebook import Viewer
 
 NUMBER = re.compile(r"-?\d+\.\d+(?:e-?\d+)?")
@@ -30,20 +28,6 @@ def test_the_widget_shows_the_run_from_its_start_and_as_it_goes_on():
             assert entity in so_far
         sim.run()
     assert len(rrd_of(widget)) > len(so_far)
-
-
-def test_a_run_without_a_view_or_without_rerun_s_widget_is_one_line(monkeypatch):
-    with (
-        Simulation("side", duration_s=0.1) as sim,
-        pytest.raises(MecazenError, match=r"Simulation\(\.\.\., view=True\) does"),
-    ):
-        sim.view()
-    monkeypatch.setitem(sys.modules, "rerun.notebook", None)
-    with (
-        Simulation("side", duration_s=0.1, view=True) as sim,
-        pytest.raises(MecazenError, match=r"pip install 'mecazen\[notebook\]'"),
-    ):
-        sim.view()
 
 
 def test_the_notebook_prints_the_numbers_that_it_shows(tmp_path):
