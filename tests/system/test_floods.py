@@ -31,8 +31,8 @@ FLOODS = {
 }
 """Keys, payload, and rate [Hz], None for as fast as the bus takes it."""
 
-SHORT = ("cmd_vel", False), ("every key", True)
-"""Floods, each with or without access control, that `make test` sends."""
+SHORT = ("every key", True)
+"""The flood that `make test` sends, with access control."""
 
 
 class Answers:
@@ -59,7 +59,7 @@ class Answers:
 def test_under_a_flood_ticks_are_answered_and_memory_does_not_grow(
     stack, access_control, scale, secured, flood
 ):
-    if scale == 1 and (flood, secured) not in SHORT:
+    if scale == 1 and (flood, secured) != SHORT:
         pytest.skip("with --scale 2 or more")
     running = stack(SCENARIOS / "back.toml", *(access_control if secured else ()))
     answers = Answers(running.bus)

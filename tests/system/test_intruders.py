@@ -36,6 +36,8 @@ HUGE_BYTES = 280 << 20
 def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
     stack, access_control, tmp_path, scale, secured
 ):
+    if scale == 1 and secured:
+        pytest.skip("with --scale 2 or more")
     settings = ("sim.duration_s=10.0", "seed=11")
     running = stack(BACK, *settings, "sim.mode=lockstep", *(access_control if secured else ()))
     sim, config = running.scenario.sim, running.scenario.bus

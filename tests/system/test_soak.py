@@ -1,7 +1,7 @@
-"""Long runs: memory does not grow, no tick is lost, and time does not drift.
+"""A long run: memory does not grow, and no tick is lost.
 
-`-s` prints the figures; `--scale N` makes the runs N times as long: 120 is two hours in lockstep.
-Without it they are shorter.
+`-s` prints the figures; `--scale N` makes it N times as long: 120 is two hours in lockstep. Without
+it, it is a quarter as long.
 """
 
 import time
@@ -14,13 +14,10 @@ CIRCLE = SCENARIOS / "circle.toml"
 EVERY_TICK = (keys.CLOCK, keys.ODOM, keys.TARGET_ODOM, keys.FOLLOWER_STATE, keys.JOINT_COMMAND)
 
 LOCKSTEP_S = 60.0
-REAL_TIME_S = 8.0
 SHARE = 1 / 12
 """Memory is measured after each such share of the run ..."""
 GROWTH_BYTES = 5_000_000
 """... and grows by this at most after the first."""
-DRIFT_MS = 10.0
-"""Largest drift of the schedule against the wall clock."""
 
 
 class Ticks:
@@ -68,26 +65,3 @@ def test_hours_in_lockstep_lose_no_tick_and_no_memory(stack, scale):
     print(f"{seconds:g} s in {time.monotonic() - begin:.0f} s")
     assert (ticks.missed, ticks.repeated) == (0, 0)
     assert all(most[name] - settled[name] <= GROWTH_BYTES for name in settled)
-
-
-def test_real_time_keeps_to_the_wall_clock(stack, scale):
-    running = stack(CIRCLE)
-    ticks = []
-
-    def on_clock(_, stamp):
-        if stamp.time_ns > 0:  # the second tick is the first that is scheduled
-            ticks.append((stamp.time_ns / 1e9, time.monotonic() - stamp.time_ns / 1e9))
-
-    running.bus.subscribe(keys.CLOCK, on_clock, every=True)
-    running.start()
-    end_s = REAL_TIME_S * scale if scale > 1 else REAL_TIME_S / 2.0
-    running.wait(lambda: bool(ticks))
-    while ticks[-1][0] < end_s:
-        running.supervisor.poll(0.0)
-        running.bus.spin_once(0.25)
-    # the earliest tick of both ends counts: others were late
-    window_s = end_s / 4.0
-    first = min(lag for time_s, lag in ticks if time_s < ticks[0][0] + window_s)
-    last = min(lag for time_s, lag in ticks if time_s > end_s - window_s)
-    print(f"in {end_s:g} s the schedule drifts by {1e3 * (last - first):+.3f} ms")
-    assert abs(last - first) * 1e3 < DRIFT_MS

@@ -10,7 +10,6 @@ import shutil
 import struct
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections import deque
@@ -224,28 +223,3 @@ def test_when_the_link_is_cut_the_robot_comes_to_rest_and_follows_when_it_is_bac
     hosts.commands.wait(lambda _: True)
     hosts.truth.wait(lambda odom: speed(odom) > 0.15)
     hosts.state.wait(lambda state: state["tracking"] == "following")
-
-
-def measure(hosts: Hosts, cut_s: float) -> str:
-    """Cut the link for some time; return a row of this time and those until rest and motion."""
-    hosts.truth.wait(lambda odom: speed(odom) > 0.15)
-    hosts.state.wait(lambda state: state["tracking"] == "following")
-    hosts.link.is_cut = True
-    begin = time.monotonic()
-    hosts.truth.wait(lambda odom: abs(speed(odom)) < 0.01)
-    rest_s = time.monotonic() - begin
-    time.sleep(max(0.0, begin + cut_s - time.monotonic()))
-    hosts.link.is_cut = False
-    begin = time.monotonic()
-    hosts.commands.wait(lambda _: True)
-    command_s = time.monotonic() - begin
-    hosts.truth.wait(lambda odom: speed(odom) > 0.15)
-    moving_s = time.monotonic() - begin
-    return f"| {cut_s:.1f} s | {rest_s:.1f} s | {command_s:.1f} s | {moving_s:.1f} s |"
-
-
-if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        pair = Hosts(Path(folder) / "keys", stack)
-        for seconds in (1.0, 1.9, 2.5, 3.0, 6.0):
-            print(measure(pair, seconds), flush=True)
