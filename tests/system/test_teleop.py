@@ -5,6 +5,7 @@ import pty
 import secrets
 import select
 import subprocess
+from contextlib import ExitStack, closing
 
 import pytest
 from harness import command, forward, tools, wait
@@ -15,13 +16,18 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import GuardState, Time, planar_odometry
 
 
-class Played:
-    """A command in a terminal of its own."""
+class Terminal:
+    """`mecazen teleop` in a terminal of its own, on a bus that hears its commands."""
 
-    def __init__(self, *arguments):
+    def __init__(self, endpoint, *arguments):
+        config = BusConfig(connect=(endpoint,), namespace=f"teleop{secrets.token_hex(6)}")
+        self.bus = ZenohBus(config)
+        self.commands = []
+        for topic in (keys.CMD_VEL, keys.TARGET_CMD_VEL):
+            self.bus.subscribe(topic, self._take(topic.key), every=True)
         self._master, slave = pty.openpty()
         self.process = subprocess.Popen(
-            **command(arguments, TERM="xterm", COLUMNS="200"),
+            **command([*tools(config), "teleop", *arguments], TERM="xterm", COLUMNS="200"),
             stdin=slave,
             stdout=slave,
             stderr=slave,
@@ -31,14 +37,15 @@ class Played:
         self.text = ""
         """The output so far."""
 
-    def read(self):
-        """Append the output since the last call."""
+    def _take(self, key):
+        return lambda message, _: self.commands.append((key, message.to_planar()))
+
+    def _read(self):
         while self._master is not None and select.select([self._master], [], [], 0)[0]:
             try:
-                read = os.read(self._master, 4096)
+                self.text += os.read(self._master, 4096).decode(errors="replace")
             except OSError:  # the command has ended
                 return
-            self.text += read.decode(errors="replace")
 
     def type(self, text):
         os.write(self._master, text.encode())
@@ -48,101 +55,80 @@ class Played:
         os.close(self._master)
         self._master = None
 
-    def close(self):
-        self.process.kill()
-        self.process.wait()
-        if self._master is not None:
-            self.hang_up()
-
-
-class Robot:
-    """A subscriber to the commands on a bus."""
-
-    def __init__(self, endpoint):
-        self.config = BusConfig(connect=(endpoint,), namespace=f"teleop{secrets.token_hex(6)}")
-        self.bus = ZenohBus(self.config)
-        self.heard = []
-        for topic in (keys.CMD_VEL, keys.TARGET_CMD_VEL):
-            self.bus.subscribe(topic, self._take(topic.key), every=True)
-        self.played = []
-
-    def _take(self, key):
-        return lambda message, _: self.heard.append((key, message.to_planar()))
-
-    def play(self, *arguments):
-        self.played.append(Played(*tools(self.config), "teleop", *arguments))
-        return self.played[-1]
-
     def wait(self, condition):
         def holds():
-            for played in self.played:
-                played.read()
+            self._read()
             return condition()
 
         wait(self.bus, holds)
-
-    def wait_for_end(self):
-        self.wait(lambda: self.played[-1].process.poll() is not None)
-        assert self.played[-1].process.returncode == 0
 
     def wait_for(self, *commands):
         """Wait until these have come in this order, among others, and the last one last."""
 
         def came():
-            rest = iter(self.heard)
-            return all(one in rest for one in commands) and self.heard[-1] == commands[-1]
+            rest = iter(self.commands)
+            return all(each in rest for each in commands) and self.commands[-1] == commands[-1]
 
         self.wait(came)
 
+    def wait_for_end(self):
+        self.wait(lambda: self.process.poll() is not None)
+        assert self.process.returncode == 0
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        if self._master is not None:
+            self.hang_up()
+        self.bus.close()
+
 
 @pytest.fixture
-def robot(router):
-    robot = Robot(router)
-    yield robot
-    for played in robot.played:
-        played.close()
-    robot.bus.close()
+def teleop(router):
+    """Start `mecazen teleop`; it ends with the test."""
+    with ExitStack() as stack:
+        yield lambda *arguments: stack.enter_context(closing(Terminal(router, *arguments)))
 
 
 def cmd(x=0.0, y=0.0, yaw=0.0, key="cmd_vel"):
     return key, Twist2D(x, y, yaw)
 
 
-def test_a_key_drives_until_its_release(robot):
-    hand = robot.play()
-    robot.wait(lambda: "nobody listens to cmd_vel" in hand.text)
-    robot.bus.declare_alive("controller")
+def test_a_key_drives_until_its_release(teleop):
+    hand = teleop()
+    hand.wait(lambda: "nobody listens to cmd_vel" in hand.text)
+    hand.bus.declare_alive("controller")
     hand.type("w")
-    robot.wait_for(cmd(0.3), cmd())
+    hand.wait_for(cmd(0.3), cmd())
     assert "vx +0.30" in hand.text
     hand.type("++L")
-    robot.wait_for(cmd(yaw=-0.72), cmd())
+    hand.wait_for(cmd(yaw=-0.72), cmd())
     assert "120 %" in hand.text
-    robot.heard.clear()
+    hand.commands.clear()
     hand.type(" ")  # stops whoever drives
-    robot.wait_for(cmd())
+    hand.wait_for(cmd())
     odometry = planar_odometry(Time(), "odom", "base_link", Pose2D(1.5, -0.25, 0.0), Twist2D(0.3))
-    robot.bus.publisher(keys.ODOM).put(odometry, None)
+    hand.bus.publisher(keys.ODOM).put(odometry, None)
     state = GuardState(state="slow", factor=0.5, reason="a wall\x1b[2J is near")
-    robot.bus.publisher(keys.GUARD_STATE).put(state, None)
-    robot.wait(lambda: "guard lets 50% through" in hand.text)
+    hand.bus.publisher(keys.GUARD_STATE).put(state, None)
+    hand.wait(lambda: "guard lets 50% through" in hand.text)
     assert "x +1.50 y -0.25 m   +0°  0.30 m/s  guard: slow" in hand.text
     assert "a wall\\u001b[2J is near" in hand.text
-    robot.bus.publisher(keys.CMD_VEL).put(forward(0.1), None)
-    robot.wait(lambda: "another program drives on cmd_vel as well" in hand.text)
-    robot.heard.clear()
+    hand.bus.publisher(keys.CMD_VEL).put(forward(0.1), None)
+    hand.wait(lambda: "another program drives on cmd_vel as well" in hand.text)
+    hand.commands.clear()
     hand.type("q")
-    robot.wait_for_end()
-    robot.wait_for(cmd())
+    hand.wait_for_end()
+    hand.wait_for(cmd())
 
 
-def test_a_lost_terminal_brings_the_person_to_rest(robot):
+def test_a_lost_terminal_brings_the_person_to_rest(teleop):
     key = keys.TARGET_CMD_VEL.key
-    hand = robot.play("--person", "--speed", "1")
-    robot.wait(lambda: f"nobody listens to {key}" in hand.text)
+    hand = teleop("--person", "--speed", "1")
+    hand.wait(lambda: f"nobody listens to {key}" in hand.text)
     hand.type("w")
-    robot.wait_for(cmd(1.0, key=key))
+    hand.wait_for(cmd(1.0, key=key))
     hand.hang_up()
-    robot.wait_for(cmd(1.0, key=key), cmd(key=key))
-    assert not any(name == "cmd_vel" for name, _ in robot.heard)
-    robot.wait_for_end()
+    hand.wait_for(cmd(1.0, key=key), cmd(key=key))
+    assert not any(name == "cmd_vel" for name, _ in hand.commands)
+    hand.wait_for_end()
