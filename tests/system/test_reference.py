@@ -1,4 +1,4 @@
-"""Copies of the graph agree with it: documents, access rules, compose file, folders."""
+"""Copies agree with what they copy: documents, access rules, compose file, folders, pictures."""
 
 import re
 
@@ -8,6 +8,7 @@ from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
 from mecazen.keys import TOPICS
 from mecazen.loading import load_scenario
 
+from docs.pictures.__main__ import DOCS, PICTURES
 from docs.reference import files
 
 OURS = sorted(set(SERVICES) - {COLLECTOR})
@@ -72,3 +73,23 @@ def test_the_architecture_names_the_folder_of_every_package():
     for pattern in ("*/mecazen*/", "services/*/mecazen*/"):
         for package in ROOT.glob(pattern):
             assert f"| `{package.parent.relative_to(ROOT)}/` |" in text
+
+
+MADE = re.compile(r"<!-- by hand: drawn by make pictures -->\n((?:.*!\[[^\]]*\]\([^)]*\).*\n)+)")
+"""The comment, and the lines with pictures below it."""
+SHOWN = re.compile(r"!\[([^\]]*)\]\(([^)]*)\)")
+
+
+def shown():
+    """Return the files and alternative texts of all pictures that documents say are made."""
+    for document in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
+        for lines in MADE.findall(document.read_text()):
+            for text, place in SHOWN.findall(lines):
+                yield (document.parent / place).resolve(), text
+
+
+def test_every_picture_that_a_document_shows_is_made_and_every_one_made_is_shown():
+    made = {DOCS / place for place in PICTURES}
+    assert {file for file, _ in shown()} == made
+    assert all(file.exists() for file in made)
+    assert all(text for _, text in shown())
