@@ -4,22 +4,15 @@ import io
 import os
 import shutil
 import signal
-import socket
-import urllib.request
 from collections.abc import Callable
-from contextlib import closing
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
-from harness import ROOT, SCENARIOS, Command, Newest, mecazen, options
+from harness import ROOT, SCENARIOS, Newest, here
 from mecazen import keys
-from mecazen.loading import load_scenario, to_toml
-from mecazen.messages import Odometry, ResetRequest, SpeedRequest
-from mecazen.wire import Stamp
+from mecazen.messages import SpeedRequest
 from mecazen_recorder.reader import Recording
-from mecazen_recorder.writer import RecordingWriter
-from mecazen_tools.processes import private_router
 from mecazen_viewer.layout import path_of_robot
 from mecazen_viewer.panels import ROBOT_PLOTS
 from mecazen_viewer.service import draw
@@ -147,23 +140,6 @@ def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, 
         assert share(blue, ground) < 0.5
 
 
-def test_a_reset_begins_a_new_recording_in_the_viewer_that_is_attached(stack, attach):
-    shown = Shown(stack, "side", "sim.speed=2")
-    shown.until(1.0)
-    shown.slow_down()
-    attach.open(shown.uri)
-    until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
-    before = attach.get_state()
-    shown.running.call(keys.SIM_RESET, ResetRequest(seed=99))
-    until_shown(
-        attach.take_screenshot,
-        lambda _: attach.get_state().active_recording != before.active_recording,
-    )
-    after = attach.get_state()
-    assert len(after.recordings) == len(before.recordings) + 1
-    until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
-
-
 def test_browser_shows_a_live_run_at_the_printed_address(stack):
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -198,37 +174,9 @@ def test_a_viewer_that_hangs_or_is_killed_delays_no_service(stack):
     shown.until(shown.time_s + 2.0)
 
 
-def up(*arguments: str) -> Command:
-    return Command("up", "side", *arguments, *options(private_router()))
-
-
-def assert_answers(url: str) -> None:
-    with urllib.request.urlopen(url, timeout=10.0) as page:  # noqa: S310
-        assert page.status == 200
-
-
-def test_up_prints_where_to_watch():
-    running = up(*options(FREE_PORTS))
-    url = running.read_until("Watch it at").split()[-1]
-    assert_answers(url)
-    code, _, err = running.end()
-    assert (code, err) == (0, "")
-
-
-def test_when_its_port_is_taken_the_viewer_says_so_in_one_line_and_the_rest_goes_on():
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        running = up(*options(("viewer.web_port=0", f"viewer.data_port={port}")))
-        running.read_until("viewer has ended")
-        assert running.text.count("address already in use") == 1
-        assert f"viewer.data_port = {port}" in running.text
-        running.read_until("t = 5")
-        assert running.end()[2] == ""
-
-
 def test_a_recorded_run_of_several_robots_is_shown_whole(tmp_path, attach):
     file = tmp_path / "run.mcap"
-    assert mecazen("simulate", "convoy", "--duration", 4, "--record", file).returncode == 0
+    assert here("simulate", "convoy", "--duration", 4, "--record", file).returncode == 0
     (drawn,) = draw(Recording(file), tmp_path)
     attach.open(str(drawn))
     until_shown(attach.take_screenshot, shows_two_persons)
@@ -237,30 +185,3 @@ def test_a_recorded_run_of_several_robots_is_shown_whole(tmp_path, attach):
     for robot in ("one", "two"):
         expected = {"world/robot/roller", *ROBOT_PLOTS}
         assert {f"/{path_of_robot(path, robot)}" for path in expected} <= paths
-
-
-def test_a_recording_that_is_cut_off_is_shown_and_reported(tmp_path, monkeypatch):
-    monkeypatch.setattr("mecazen_recorder.writer.FLUSH_S", 0.0)
-    file, stamp = tmp_path / "cut.mcap", Stamp(0, 1, 7)
-    with closing(RecordingWriter(tmp_path / "whole.mcap")) as writer:
-        writer.write_run(stamp, to_toml(load_scenario(SCENARIOS / "side.toml")))
-        writer.write("odom", Odometry(), stamp, 0)
-        file.write_bytes(writer.path.read_bytes())
-    view = Command("view", file)
-    assert_answers(view.read_until("http").split()[-1])
-    (line,) = view.end()[2].splitlines()
-    assert line == f"{file}: the end of the file is missing; what is there was read"
-
-
-def test_of_a_recording_of_others_rerun_shows_what_it_can(tmp_path):
-    from mcap.writer import Writer
-
-    file = tmp_path / "other.mcap"
-    with file.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        writer.finish()
-    view = Command("view", file)
-    view.read_until("http")
-    (line,) = view.end()[2].splitlines()
-    assert "can't be read as a recording of ROS 2: Profile is not ros2.; shown without" in line
