@@ -8,7 +8,7 @@ from mecazen.graph import COLLECTOR, OBSERVERS, SERVICES
 from mecazen.keys import TOPICS
 from mecazen.loading import load_scenario
 
-from docs.pictures.__main__ import DOCS, PICTURES
+from docs.pictures import DOCS, PICTURES
 from docs.reference import files
 
 OURS = sorted(set(SERVICES) - {COLLECTOR})
