@@ -23,14 +23,15 @@ from follower.rooms import (
 from harness import SCENARIOS
 from mecazen.config import SensorConfig
 from mecazen.config.follower import PidControl, PlannerConfig
-from mecazen.geometry import Pose2D, Standoff, Twist2D
+from mecazen.drive import Drive, Limits, MotionLimits
+from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_follower.association import Measurement
 from mecazen_follower.control import ALL_AROUND
 from mecazen_follower.following import Following
 from mecazen_follower.node import make_planner
 from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs
-from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of
+from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of, roll
 from mecazen_follower.planner.surroundings import CELL_M, MEMORY_S, DistanceField, LocalMap, Shadows
 from mecazen_follower.search import Search
 from mecazen_follower.tracker import Frame
@@ -135,6 +136,22 @@ def test_a_pillar_is_passed_and_the_side_regained():
     assert path[-1][2] == "open"
     assert bearings(path)[-1] == pytest.approx(0.0, abs=2.0)  # the law returns to the side
     assert all(abs(robot.distance(person) - 1.2) < 0.3 for robot, person, *_ in path)
+
+
+def test_robot_follows_behind_in_a_corridor():
+    front = [(3.0, side * y, 0.03) for side in (-1.0, 1.0) for y in np.arange(0.85, 2.5, 0.05)]
+    path = list(follow(14.0, wall(3.0, 6.0, 0.85) + wall(3.0, 6.0, -0.85) + front, **SIDE))
+    angles = bearings(path)
+    within = [angles[k] for k, (robot, *_) in enumerate(path) if 3.5 < robot.x < 5.5]
+    assert within
+    assert min(within) > 45.0  # nearer to behind, 90 degrees away, than to the side
+    assert "gave_up_bearing" in {state for _, _, state, _ in path}
+    assert path[-1][2] == "open"
+    assert angles[-1] == pytest.approx(0.0, abs=2.0)
+    assert min(gap for *_, gap in path) > NARROWEST + 0.05
+    for robot, person, *_ in path:  # in view all the time
+        bearing = math.atan2(person.y - robot.y, person.x - robot.x)
+        assert abs(math.degrees(wrap(bearing - robot.yaw))) < 37.5
 
 
 def test_before_a_narrow_gap_the_robot_waits():
@@ -360,3 +377,19 @@ def test_the_mean_of_samples_improves_a_path():
     assert (costs[2:] < costs[:2]).all()
     again, _ = planner.search(nominal, around)
     assert (again.commands == paths.commands).all()
+
+
+LINEAR = Limits(2.0, 2.5, 2.5)
+DT = 0.1
+LIMITS = MotionLimits(
+    Drive(2.0, 1.0, 0.3, (LINEAR, LINEAR, Limits(3.0, 8.0, 8.0))), max_speed=2.0, dt=DT, n=1
+)
+
+
+@pytest.mark.parametrize("yaw", [0.0, math.pi / 2])
+def test_rollout_from_rest_is_limited(yaw):
+    path = roll(yaw, Twist2D(), 3, LIMITS, lambda *_: np.array([[0.0], [2.0], [0.0]]))
+    reach = 1.25 * (DT * np.arange(1, 4)) ** 2  # half of 2.5 m/s² times t²
+    assert path.y[:, 0] == pytest.approx(reach)
+    assert path.x[:, 0] == pytest.approx(np.zeros(3), abs=1e-12)
+    assert path.s[:, 0] == pytest.approx(math.sin(yaw))
