@@ -69,7 +69,8 @@ def here(
     """Run a command to its end as `mecazen` does, but in this process, which has started."""
     from mecazen_tools.cli import main  # not every environment of a service has it
 
-    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    printed = io.BytesIO(), io.BytesIO()
+    out, err = (io.TextIOWrapper(buffer, "utf-8", write_through=True) for buffer in printed)
     with (
         pytest.MonkeyPatch.context() as patch,
         redirect_stdout(out),
@@ -84,8 +85,8 @@ def here(
         patch.setattr(logging.root, "level", logging.root.level)
         with pytest.raises(SystemExit) as ended:
             main()
-    texts = (stream.buffer.getvalue().decode() for stream in (out, err))
-    return subprocess.CompletedProcess(arguments, ended.value.code or 0, *texts)
+    texts = (buffer.getvalue().decode() for buffer in printed)
+    return subprocess.CompletedProcess(arguments, int(ended.value.code or 0), *texts)
 
 
 class Command:
