@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,9 +11,6 @@ from mecazen.errors import MecazenError
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
-
-BUILT = {"__pycache__", "build", "dist"}
-"""Folders of files that are made from others."""
 
 
 class WholeWrites(io.FileIO):
@@ -31,25 +27,6 @@ class WholeWrites(io.FileIO):
         while left:
             left = left[super().write(left) :]
         return size
-
-
-def sha256_of(
-    root: Path, paths: Iterable[Path], content: Callable[[Path], bytes] = Path.read_bytes
-) -> str:
-    """Return the SHA-256 of files below a root, and of all files in folders below it.
-
-    Names count relative to the root. Texts about a project (Markdown, `pyproject.toml`), hidden
-    files and built ones do not count. `content` returns the content of a file.
-    """
-    digest = hashlib.sha256()
-    files = {file for path in paths for file in (path.rglob("*") if path.is_dir() else [path])}
-    for file in sorted(files):
-        name = file.relative_to(root)
-        is_built = any(part in BUILT or part.startswith(".") for part in name.parts)
-        if is_built or file.suffix == ".md" or file.name == "pyproject.toml" or not file.is_file():
-            continue
-        digest.update(f"{name.as_posix()} {hashlib.sha256(content(file)).hexdigest()}\n".encode())
-    return digest.hexdigest()
 
 
 def make_folder(folder: Path, option: str) -> None:
