@@ -261,13 +261,11 @@ def data_sheet(scenario: Scenario) -> SensorConfig:
     )
 
 
-def make_planner(
-    scenario: Scenario, sensor: SensorConfig, seed: int, kind: type[Planner] = Planner
-) -> Planner | None:
+def make_planner(scenario: Scenario, sensor: SensorConfig, seed: int) -> Planner | None:
     """Return a new planner for a scenario's robot and its sensor, if one is configured."""
     if scenario.follower.planner is None:
         return None
-    return kind(
+    return Planner(
         scenario.follower,
         Drive.from_scenario(scenario),
         Extents(*scenario.robot.footprint, scenario.world.person.radius_m),
