@@ -16,7 +16,7 @@ from mecazen.config import LIVELINESS
 from mecazen.keys import TOPICS, Topic, resolve
 from mecazen.text import shortened
 
-DECLARED = ("publisher", "token", "subscriber", "queryable", "querier")
+DECLARED = ("publisher", "token", "subscriber")
 """Kinds of a router's entries with the programs that have declared them."""
 LOOPBACK = "127.0.0.1"
 
@@ -59,7 +59,7 @@ class Programs:
                     for program in programs:
                         self._services[program].append(f"{robot}{service}")
         self._silent = [program for program in self._addresses if program not in declared]
-        """Programs that declare nothing: they only put or ask."""
+        """Programs that declare none of these: they only put, or ask and answer."""
 
     def name(self, program: str) -> str:
         """Return the services of a program, or its process, or its address and Zenoh id."""

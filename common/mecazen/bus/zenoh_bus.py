@@ -212,14 +212,17 @@ class ZenohBus(Bus):
             senders.add(UNNAMED if source is None else str(source.source_id.zid))
 
     def router_entries(self, timeout_s: float = 1.0) -> dict[str, bytes]:
-        """Return what the router knows of its clients, publishers and tokens: its admin space.
+        """Return what the router knows of clients, publishers, subscribers and tokens.
 
-        Keys begin behind `@/<id>/router`, and are those of all namespaces.
+        Keys begin behind `@/<id>/router`, and are those of all namespaces. Ask seldom: a router
+        that answers while a program declares something may stop for good, since it locks its tables
+        twice (eclipse-zenoh/zenoh, pull request 2619).
         """
-        replies = self._outside_namespace().get(ROUTER_ENTRIES, timeout=timeout_s)
+        session = self._outside_namespace()
         return {
             str(reply.ok.key_expr).split("/", 3)[-1]: reply.ok.payload.to_bytes()
-            for reply in replies
+            for entries in ROUTER_ENTRIES
+            for reply in session.get(entries, timeout=timeout_s)
             if reply.ok is not None
         }
 

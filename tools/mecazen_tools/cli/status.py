@@ -106,6 +106,9 @@ class Diagnostics:
         """The services of the scenario, once its clock answers `status`."""
         self._network, self._asked_s = Programs(), -math.inf
         """The programs at the router, and the time of its answer [s]."""
+        self._closely = closely
+        self._strangers: set[str] = set()
+        """Programs and keys for which the router has been asked."""
         self._heard: dict[str, float] = {}
         """Time of the newest command on a key with a prefix [s], whether it is read or not."""
         bus.subscribe_bytes(f"**/{keys.diagnostics('*').key}", self._take)
@@ -167,8 +170,10 @@ class Diagnostics:
             for name, ids in report.items():
                 if name.startswith(PUBLISHERS):
                     senders[name.removeprefix(PUBLISHERS)].update(ids.split())
-        if time.monotonic() - self._asked_s > (REFRESH_S if senders else UNREAD_S):
-            self._asked_s = time.monotonic()
+        strangers = {*self._heard, *(program for ids in senders.values() for program in ids)}
+        is_due = time.monotonic() - self._asked_s > UNREAD_S and (strangers or self._closely)
+        if is_due or not strangers <= self._strangers:
+            self._asked_s, self._strangers = time.monotonic(), strangers
             with suppress(BusError):  # the router is starting or gone
                 self._network = Programs(self._bus)
         return {key: self._network.on(key, ids) for key, ids in senders.items()}
