@@ -45,10 +45,7 @@ RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1
 CONNECT_MS = 10_000
 """Time for which a service that needs the router waits for it [ms]; tools try once."""
 
-ROUTER_ENTRIES = (
-    "@/*/router",
-    *(f"@/*/router/{kind}/**" for kind in ("publisher", "subscriber", "token")),
-)
+ROUTER_ENTRIES = "@/*/router/**"
 """Keys of a router's admin space: its clients, and what they have declared; `**` lacks them."""
 
 ONLY_ROUTER = {
@@ -63,7 +60,7 @@ ONLY_ROUTER = {
                 *("put", "delete", "query", "reply", "liveliness_token", "liveliness_query"),
                 *("declare_subscriber", "declare_queryable", "declare_liveliness_subscriber"),
             ],
-            "key_exprs": ["**", *ROUTER_ENTRIES],
+            "key_exprs": ["**", ROUTER_ENTRIES],
         }
     ],
     "subjects": [{"id": "router", "cert_common_names": ["router"]}],

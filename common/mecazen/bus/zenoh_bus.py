@@ -30,7 +30,7 @@ from mecazen.bus.base import (
     StoppedError,
     deliver,
 )
-from mecazen.bus.session import OPERATOR, ROUTER_ENTRIES, Mode, includes, open_session, reason_of
+from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
 from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
@@ -59,6 +59,8 @@ logger = logging.getLogger(__name__)
 
 _thread = threading.local()
 """Marks Zenoh's threads whose Python state is kept; the mark ends with that state."""
+ASKED = "", "/publisher/**", "/subscriber/**", "/token/**"
+"""Ends of the keys of a router's entries that tools ask for."""
 
 
 class ZenohBus(Bus):
@@ -221,8 +223,8 @@ class ZenohBus(Bus):
         session = self._outside_namespace()
         return {
             str(reply.ok.key_expr).split("/", 3)[-1]: reply.ok.payload.to_bytes()
-            for entries in ROUTER_ENTRIES
-            for reply in session.get(entries, timeout=timeout_s)
+            for entries in ASKED
+            for reply in session.get(f"@/*/router{entries}", timeout=timeout_s)
             if reply.ok is not None
         }
 
