@@ -106,7 +106,6 @@ class Diagnostics:
         """The services of the scenario, once its clock answers `status`."""
         self._network, self._asked_s = Programs(), -math.inf
         """The programs at the router, and the time of its answer [s]."""
-        self._closely = closely
         self._strangers: set[str] = set()
         """Programs and keys for which the router has been asked."""
         self._heard: dict[str, float] = {}
@@ -171,8 +170,8 @@ class Diagnostics:
                 if name.startswith(PUBLISHERS):
                     senders[name.removeprefix(PUBLISHERS)].update(ids.split())
         strangers = {*self._heard, *(program for ids in senders.values() for program in ids)}
-        is_due = time.monotonic() - self._asked_s > UNREAD_S and (strangers or self._closely)
-        if is_due or not strangers <= self._strangers:
+        is_due = time.monotonic() - self._asked_s > UNREAD_S
+        if strangers and (is_due or not strangers <= self._strangers):
             self._asked_s, self._strangers = time.monotonic(), strangers
             with suppress(BusError):  # the router is starting or gone
                 self._network = Programs(self._bus)
