@@ -16,8 +16,6 @@ from mecazen.config import LIVELINESS
 from mecazen.keys import TOPICS, Topic, resolve
 from mecazen.text import shortened
 
-DECLARED = ("publisher", "token", "subscriber")
-"""Kinds of a router's entries with the programs that have declared them."""
 LOOPBACK = "127.0.0.1"
 
 
@@ -44,7 +42,7 @@ class Programs:
                 for session in msgspec.json.decode(payload)["sessions"]:
                     for link in session["links"]:
                         self._addresses[session["peer"]] = link["dst"]
-            elif key and kind in DECLARED:
+            elif key:
                 holders = msgspec.json.decode(payload)
                 programs = [*holders["peers"], *holders["clients"]]
                 declared.update(programs)
@@ -59,7 +57,7 @@ class Programs:
                     for program in programs:
                         self._services[program].append(f"{robot}{service}")
         self._silent = [program for program in self._addresses if program not in declared]
-        """Programs that declare none of these: they only put, or ask and answer."""
+        """Programs without a publisher, subscriber or token: they only put, or ask and answer."""
 
     def name(self, program: str) -> str:
         """Return the services of a program, or its process, or its address and Zenoh id."""

@@ -30,7 +30,7 @@ from mecazen.bus.base import (
     StoppedError,
     deliver,
 )
-from mecazen.bus.session import OPERATOR, Mode, includes, open_session, reason_of
+from mecazen.bus.session import OPERATOR, ROUTER_ENTRIES, Mode, includes, open_session, reason_of
 from mecazen.config import LIVELINESS, BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
@@ -60,7 +60,7 @@ logger = logging.getLogger(__name__)
 _thread = threading.local()
 """Marks Zenoh's threads whose Python state is kept; the mark ends with that state."""
 ASKED = "", "/publisher/**", "/subscriber/**", "/token/**"
-"""Ends of the keys of a router's entries that tools ask for."""
+"""The entries of a router that tools ask for, below its own: programs with what they declare."""
 
 
 class ZenohBus(Bus):
@@ -220,11 +220,11 @@ class ZenohBus(Bus):
         that answers while a program declares something may stop for good, since it locks its tables
         twice (eclipse-zenoh/zenoh, pull request 2619).
         """
-        session = self._outside_namespace()
+        session, router = self._outside_namespace(), ROUTER_ENTRIES.removesuffix("/**")
         return {
             str(reply.ok.key_expr).split("/", 3)[-1]: reply.ok.payload.to_bytes()
             for entries in ASKED
-            for reply in session.get(f"@/*/router{entries}", timeout=timeout_s)
+            for reply in session.get(f"{router}{entries}", timeout=timeout_s)
             if reply.ok is not None
         }
 
