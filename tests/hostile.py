@@ -14,7 +14,7 @@ from mecazen.wire import CDR_ENCODING, JSON_ENCODING, encode
 
 
 class Put(NamedTuple):
-    """What an external program puts on a key."""
+    """A sample that an external program puts on a key."""
 
     key: str
     payload: bytes

@@ -166,7 +166,7 @@ class Task:
 
 
 class Sight:
-    """What a policy knows of a run: the person as last seen, and the robot's odometry.
+    """The knowledge of a policy in a run: the person as last seen, and the robot's odometry.
 
     The person is unseen until `look` gets a frame; they are then where the robot's place is.
     """

@@ -27,7 +27,7 @@ def command() -> list[str]:
     reason = "docker is not installed"
     for arguments in (["docker", "compose"], ["docker-compose"]):
         try:
-            # asks the engine too: Compose alone says its version without one
+            # the second question reaches the engine: Compose tells its version without one
             for question in ([*arguments, "version"], ["docker", "info"]):
                 subprocess.run(question, capture_output=True, text=True, check=True)
         except FileNotFoundError:
@@ -75,7 +75,7 @@ class Compose:
 
     @property
     def filters(self) -> tuple[str, ...]:
-        """What selects this project in `docker ps` and its like."""
+        """Options that select this project in `docker ps` and alike commands."""
         return ("--filter", f"label=com.docker.compose.project={self.name}")
 
     def close(self) -> None:

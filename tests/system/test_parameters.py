@@ -93,7 +93,7 @@ def test_a_recording_holds_the_changes_and_nodes_are_computed_anew_with_them(tmp
         sim.reset()
         assert sim.scenario.world.added == {}
         sim.run()
-        # what was added has gone, and what was set stays
+        # the crate has gone, and the settings stay
         stays = parse_settings(f"{key}={value}" for key, value in FARTHER.items())
         assert sim.trajectory.sha256() == run_with(with_settings(loaded, stays))
     recording = Recording(file)

@@ -24,7 +24,7 @@ DEFAULT = "default"
 """Name of the follower that the scenario has without other settings."""
 
 POLICY = "policy:"
-"""What precedes the file of a trained policy's weights: docs/gym.md."""
+"""Prefix of the file of a trained policy's weights: docs/gym.md."""
 
 
 class FollowerRun(NamedTuple):
