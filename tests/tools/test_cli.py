@@ -126,7 +126,9 @@ def test_a_full_disk_is_one_line(tmp_path):
 
         with Path(target).open("wb") as output:
             pipes = {"stdout": output, "stderr": subprocess.PIPE}
-            done = subprocess.run(**command(arguments), **pipes, check=False, preexec_fn=limit)
+            # Python would truncate its caches of modules as well
+            starts = command(arguments, PYTHONDONTWRITEBYTECODE="1")
+            done = subprocess.run(**starts, **pipes, check=False, preexec_fn=limit)
         return done.returncode, done.stderr
 
     begin = "error: the output is incomplete: "
