@@ -1,8 +1,10 @@
 """Makes the results that documents show: `make results`, `make results-check`.
 
-A stage of stages.toml is a command of `mecazen` that writes results/STAGE.csv. A document shows its
-tables between `<!-- results: STAGE -->`, or `<!-- results: STAGE TITLE -->` for one of them, and
-`<!-- /results -->`. Any other table or picture needs a line `<!-- by hand: REASON -->` before it.
+A stage of stages.toml is a command of `mecazen` that writes results/STAGE.csv, or results/STAGE/ if
+it identifies a robot. A document shows its tables between `<!-- results: STAGE -->`, or
+`<!-- results: STAGE TITLE -->` for one of them, and `<!-- /results -->`; and a cell of a table in a
+sentence between `<!-- cell: STAGE; TITLE; ROW; COLUMN -->`, where ROW is how the row begins, and
+`<!-- /cell -->`. Any other table or picture needs a line `<!-- by hand: REASON -->` before it.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ BLOCK = re.compile(
     r"(<!-- results: (?P<stage>\S+)(?: (?P<title>[^\n]+))? -->\n)(?P<text>.*?)(<!-- /results -->)",
     re.DOTALL,
 )
+CELL = re.compile(r"(<!-- cell: ([^;>]+);([^;>]*); ([^;>]+); ([^;>]+) -->)[^<]*(<!-- /cell -->)")
 IGNORED = re.compile(r"^ *```.*?^ *```|<!-- graph: \w+ -->\n.*?<!-- /graph -->", re.DOTALL | re.M)
 DELIMITER, PICTURE = re.compile(r"\|( *:?-+:? *\|)+"), re.compile(r"!\[[^\]]*\]\(([^)]+)\)")
 BY_HAND = re.compile(r"<!-- by hand: \S.* -->")
@@ -58,6 +61,10 @@ class Results:
         group, _, *words = self.words(stage)
         if group == "bench":
             return version(f"mecazen_bench.{stage.removeprefix('bench-')}")[:16]
+        if group == "identify":
+            files = sorted(file for file in Path(words[-1]).rglob("*") if file.is_file())
+            code = version("mecazen_experiments.identify.validate")
+            return sha256("".join([code, *(sha256(f.read_bytes()) for f in files)]).encode())
         options = get_command(app).make_context("run", words).params
         names = "study", "seeds", "walks", "settings", "sweep", "only"
         _, jobs = commands.plan(*(options[name] for name in names))
@@ -67,38 +74,71 @@ class Results:
         """Return the tables of a stage in Markdown, by title."""
         file = self.folder / f"{stage}.csv"
         group, _, name, *_ = shlex.split(self.stages[stage]["command"])
+        if group == "identify":
+            report = read_text(self.folder / stage / "validation.md")
+            return {"": report[report.index("|") :]}
         if group == "bench":
             return harness.tables(harness.read(file))
         study = load_study(name)
         runs = frame.read(study, read_text(file))
         return {table.title: tables.markdown(table) for table in tables.make_tables(study, runs)}
 
+    def is_made(self, stage: str) -> bool:
+        """Whether a stage has a result."""
+        return (self.folder / f"{stage}.csv").exists() or (self.folder / stage).exists()
+
+    def table(self, stage: str, title: str) -> str:
+        """Return a table of a stage in Markdown.
+
+        Raises:
+            MecazenError: The stage has no such table.
+        """
+        made = self.made(stage)
+        if title not in made:
+            raise MecazenError(f"{stage}: no table {title!r}; there are {', '.join(made)}")
+        return made[title]
+
+    def cell(self, stage: str, title: str, row: str, column: str) -> str:
+        """Return a cell of a table, without its limit.
+
+        Raises:
+            MecazenError: The stage has no such table, row or column, or several such rows.
+        """
+        lines = [line for line in self.table(stage, title).splitlines() if line.startswith("|")]
+        head, _, *rows = ([cell.strip() for cell in line.split("|")[1:-1]] for line in lines)
+        selected = [cells for cells in rows if " ".join(cells).lstrip().startswith(f"{row} ")]
+        if len(selected) != 1 or column not in head:
+            raise MecazenError(f"{stage}, {title}: {row!r}, {column!r} is not one cell")
+        return selected[0][head.index(column)].partition(" ≤ ")[0]
+
     def updated(self, text: str) -> str:
-        """Return a document with the tables of the results; those of stages without one stay."""
+        """Return a document with the tables and cells of the results."""
 
         def block(match: re.Match[str]) -> str:
             stage, title = match["stage"], match["title"]
-            if stage not in self.stages or not (self.folder / f"{stage}.csv").exists():
+            if stage not in self.stages or not self.is_made(stage):
                 return match[0]
-            made, origin = self.made(stage), self.origins[stage]
-            if title is not None and title not in made:
-                raise MecazenError(f"{stage}: no table {title!r}; there are {', '.join(made)}")
-            text = "\n".join(made.values() if title is None else [made[title]])
+            made = self.made(stage).values() if title is None else [self.table(stage, title)]
+            text = "\n".join(made)
+            origin = self.origins[stage]
             source = f"Commit {origin['commit']}, {origin['date']}: {origin['machine']}"
             return f"{match[1]}{text}\n{source}\n{match[5]}"
 
-        return BLOCK.sub(block, text)
+        def cell(match: re.Match[str]) -> str:
+            return f"{match[1]}{self.cell(*map(str.strip, match.group(2, 3, 4, 5)))}{match[6]}"
+
+        return CELL.sub(cell, BLOCK.sub(block, text))
 
     def problems(self) -> Iterator[str]:
         """Yield each table and picture of the documents that does not match its origin."""
         drawn = {f: sha for o in self.origins.values() for f, sha in o.get("figures", {}).items()}
-        shown: dict[str, str] = {}
+        shown: set[str] = set()
         for path in self.documents:
             text, name = path.read_text(), path.relative_to(self.root)
             for match in BLOCK.finditer(IGNORED.sub("", text)):
-                shown[match["stage"]] = shown.get(match["stage"], "") + match["text"]
+                shown.add(match["stage"])
             if self.updated(text) != text:
-                yield f"{name}: a table is not that of its result; `make results` writes it"
+                yield f"{name}: a table or cell is not that of its result; `make results` writes it"
             for pattern in (IGNORED, BLOCK):
                 text = pattern.sub(lambda match: "\n" * match[0].count("\n"), text)
             lines = ["", "", *text.splitlines()]
@@ -111,16 +151,12 @@ class Results:
                         yield f"{name}:{number}: {picture} is not the figure of its result"
                     if file not in drawn and not BY_HAND.fullmatch(lines[number]):
                         yield f"{name}:{number}: this picture needs <!-- by hand: REASON -->"
-        for stage in sorted({*self.stages} ^ {*shown}):
+        for stage in sorted({*self.stages} ^ shown):
             yield f"stage {stage} is {'shown nowhere' if stage in self.stages else 'not in stages'}"
-        for stage, text in shown.items():
-            kept = self.origins.get(stage, {}).get("text")
-            if kept is not None and kept != sha256(text.encode()):
-                yield f"stage {stage}: its tables are not those of the last result"
 
     def stale(self, stage: str) -> str:
         """Return why the result of a stage is not that of this code; empty if it is."""
-        if not (self.folder / f"{stage}.csv").exists():
+        if not self.is_made(stage):
             return "no result yet"
         try:
             key = self.key(stage)
@@ -133,8 +169,14 @@ class Results:
     def run(self, stage: str, more: list[str]) -> None:
         """Run a stage; write its result, its origin and the documents."""
         words, key = self.words(stage), self.key(stage)
-        words += ["--csv", f"results/{stage}.csv", *(more if words[0] == "experiment" else ())]
-        commit = _git(self.root, "describe", "--always", "--dirty=+", "--exclude=*")
+        if words[0] == "identify":
+            words += ["--out", f"results/{stage}"]
+        else:
+            words += ["--csv", f"results/{stage}.csv", *(more if words[0] == "experiment" else ())]
+        commit = _git(self.root, "rev-parse", "--short=8", "HEAD")
+        changed = ":(exclude)results", ":(exclude)docs", ":(exclude)README.md"
+        if _git(self.root, "status", "--porcelain", "--untracked-files=no", "--", ".", *changed):
+            commit += "+"
         subprocess.run([sys.executable, "-m", "mecazen_tools", *words], check=True, cwd=self.root)
         figures = {file: _drawn(self.root / file) for file in self.stages[stage].get("figures", ())}
         self.origins[stage] = {

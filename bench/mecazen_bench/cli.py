@@ -13,7 +13,7 @@ app = typer.Typer(
     no_args_is_help=True, help="Measure speed, accuracy and latency, and compare results."
 )
 
-BENCHMARKS = ("loop", "latency", "realtime", "physics")
+BENCHMARKS = ("loop", "latency", "realtime", "physics", "environments")
 """Modules whose function `run` measures one round."""
 
 File = Annotated[Path, typer.Argument(metavar="FILE.csv", show_default=False)]

@@ -8,6 +8,7 @@ from experiments.conftest import STUDY
 from harness import ROOT
 
 PAGE = """# Results
+The error is <!-- cell: short; Errors; short; D_err [m] --><!-- /cell --> m.
 <!-- results: short Errors -->
 <!-- /results -->
 <!-- results: old -->
@@ -33,9 +34,6 @@ ORIGINS = """
 commit = "abc"
 date = "2026-01-01"
 machine = "A machine."
-[old]
-commit = "abc"
-text = "{text}"
 """
 
 
@@ -51,11 +49,10 @@ def make():
 
 @pytest.fixture
 def project(folder, make):
-    """A project of two stages; the second has no runs yet, only its tables."""
-    text = make.sha256(b"| x |\n| --- |\n| 1 |\n")
+    """A project of two stages; the second has no runs yet, only a table."""
     folder.write("study.toml", STUDY)
     folder.write("results/stages.toml", STAGES.format(study=folder.path / "study.toml"))
-    folder.write("results/origins.toml", ORIGINS.format(text=text))
+    folder.write("results/origins.toml", ORIGINS)
     folder.write("results/short.csv", RUNS)
     folder.write("README.md", "")
     page = folder.write("docs/results.md", PAGE)
@@ -70,14 +67,16 @@ def problems(make, project):
 def test_tables_are_made_from_the_runs(make, project):
     text = (project.path / "docs/results.md").read_text()
     assert "| short | 2 | 0.100, 0.200 |" in text
+    assert "The error is <!-- cell: short; Errors; short; D_err [m] -->0.100, 0.200<!--" in text
     assert "Commit abc, 2026-01-01: A machine." in text
     assert problems(make, project) == []
 
 
 WRONG = [
-    ("0.200", "0.201", "docs/results.md: a table is not that of its result"),
-    ("| 1 |", "| 3 |", "stage old: its tables are not those of the last result"),
-    ("<!-- by hand: literature -->\n", "", "docs/results.md:17: this table needs a line"),
+    ("0.200", "0.201", "docs/results.md: a table or cell is not"),
+    ("-->0.100, 0.200<", "-->0.100, 0.201<", "docs/results.md: a table or cell is not"),
+    ("short; D_err", "short; D_er", "short, Errors: 'short', 'D_er [m]' is not one cell"),
+    ("<!-- by hand: literature -->\n", "", "docs/results.md:18: this table needs a line"),
     ("results: old", "results: odl", "stage odl is not in stages"),
     ("results: short Errors", "results: short Eror", "short: no table 'Eror'; there are Errors"),
     ("# Results", "# Results\n![A](a.png)", "docs/results.md:2: this picture needs"),
