@@ -47,6 +47,19 @@ def latency_ticks(config: SensorConfig, tick_s: float) -> int:
     )
 
 
+class _DrawnFaults(NamedTuple):
+    """The random faults of n frames."""
+
+    outliers: Floats
+    """Offsets of outliers (n, 2) [m]."""
+    flipped: Flags
+    """Whether the heading is flipped (n)."""
+    second: Floats
+    """Noise of the second person (n, 3)."""
+    second_first: Flags
+    """Whether the second person is named first (n)."""
+
+
 class Sensor:
     """A sensor on the true robot that measures the person's pose.
 
@@ -55,17 +68,16 @@ class Sensor:
     """
 
     def __init__(self, config: SensorConfig, seed: int, tick_s: float) -> None:
-        self._config = config
+        self._config, self._seed = config, seed
         self._ticks_per_frame = config.ticks_per_frame(tick_s)
         self._latency = latency_ticks(config, tick_s)
         self._occlusions = _in_ticks(config.occlusions_s, tick_s)
-        self._faults = _Faults(config, seed, NOISE_FRAMES, tick_s)
+        self._stand_ins = _in_ticks(config.faults.stand_ins_s, tick_s)
         self._past: deque[tuple[int, Pose2D, Pose2D]] = deque(maxlen=self._latency + 1)
         random = Generator(PCG64(seed))
         position, yaw = config.position_std_m, math.radians(config.yaw_std_deg)
-        noise = random.standard_normal((NOISE_FRAMES, 3))
-        noise *= position, position, yaw
-        self._noise = self._faults.correlated(noise)
+        self._std = position, position, yaw
+        self._noise = self._correlated(random.standard_normal((NOISE_FRAMES, 3)) * self._std)
         self._dropped = random.random(NOISE_FRAMES) < config.dropout_probability
         position, yaw = (std * config.faults.reported_noise_ratio for std in (position, yaw))
         self.covariance = diagonal_covariance((position**2, position**2, 0.0, 0.0, 0.0, yaw**2))
@@ -84,18 +96,25 @@ class Sensor:
         row = tick // self._ticks_per_frame % NOISE_FRAMES
         if captured != tick - self._latency or self._dropped[row]:
             return SensorFrame(capture, None, reason=Unseen.BLIND if self._dropped[row] else "")
-        first, second = (
-            self._seen(capture, robot, whom) for whom in self._faults.shown(capture, person)
-        )
+        first, second = (self._seen(capture, robot, whom) for whom in self._shown(capture, person))
         if first is not None:
-            x, y, yaw = self._noise[row].tolist()
-            noisy = Pose2D(first.x + x, first.y + y, wrap(first.yaw + yaw))
-            first = self._faults.distorted(row, noisy)
+            first = self._distorted(row, _moved(first, self._noise[row]))
+        second_first = False
         if second is not None:
-            second = self._faults.noisy(row, second)
-        second_first = second is not None and self._faults.names_second_first(row)
+            second = _moved(second, self._drawn.second[row])
+            second_first = bool(self._drawn.second_first[row])
         reason = "" if first is not None else self._reason(capture, robot.between(person))
         return SensorFrame(capture, first, second, second_first, reason)
+
+    def _shown(self, tick: int, person: Pose2D) -> tuple[Pose2D | None, Pose2D | None]:
+        """Return the true poses of the first and the second person that a frame shows."""
+        faults = self._config.faults
+        if not faults.other_m:
+            return person, None
+        second = person._replace(y=person.y + faults.other_m)
+        if any(begin <= tick < end for begin, end in self._stand_ins):
+            return second, None
+        return person, second if faults.other_seen else None
 
     def _seen(self, tick: int, robot: Pose2D, person: Pose2D | None) -> Pose2D | None:
         """Return a person in `SensorConfig.frame`; None if absent or not seen at that tick."""
@@ -117,78 +136,49 @@ class Sensor:
             return ""
         return Unseen.LEFT if bearing > 0.0 else Unseen.RIGHT
 
-
-class _Faults:
-    """The faults of a sensor; random faults repeat after `frames` frames."""
-
-    def __init__(self, config: SensorConfig, seed: int, frames: int, tick_s: float) -> None:
-        self._sensor = config
-        self._config = faults = config.faults
-        self._seed, self._frames = seed, frames
-        self._stand_ins = _in_ticks(faults.stand_ins_s, tick_s)
-        self._distorts = faults.outlier_probability > 0.0 or faults.flip_probability > 0.0
+    def _distorted(self, row: int, pose: Pose2D) -> Pose2D:
+        """Return the first person's pose with the outliers and flips of a frame."""
+        faults = self._config.faults
+        if not (faults.outlier_probability or faults.flip_probability):
+            return pose
+        x, y = self._drawn.outliers[row].tolist()
+        yaw = wrap(pose.yaw + math.pi) if self._drawn.flipped[row] else pose.yaw
+        return Pose2D(pose.x + x, pose.y + y, yaw)
 
     @cached_property
-    def _drawn(self) -> tuple[Floats, Flags, Floats, Flags]:
-        """The random numbers of the faults; they take megabytes, so they are drawn on demand.
-
-        For each frame they are the offset of an outlier (n, 2) [m], whether the heading is flipped
-        (n), the noise of the second person (n, 3), and whether that person is named first (n).
-        """
-        faults, frames = self._config, self._frames
+    def _drawn(self) -> _DrawnFaults:
+        """The random faults; they take megabytes, so they are drawn on demand."""
+        faults = self._config.faults
         random = Generator(PCG64([self._seed, FAULTS_STREAM]))
-        outlying = random.random(frames) < faults.outlier_probability
-        direction = 2.0 * math.pi * random.random(frames)
+        outlying = random.random(NOISE_FRAMES) < faults.outlier_probability
+        direction = 2.0 * math.pi * random.random(NOISE_FRAMES)
         offsets = faults.outlier_m * np.stack((np.cos(direction), np.sin(direction)), axis=-1)
-        flipped = random.random(frames) < faults.flip_probability
-        position, yaw = self._sensor.position_std_m, math.radians(self._sensor.yaw_std_deg)
-        return (
+        flipped = random.random(NOISE_FRAMES) < faults.flip_probability
+        return _DrawnFaults(
             np.where(outlying[:, None], offsets, 0.0),
             flipped,
-            random.standard_normal((frames, 3)) * (position, position, yaw),
-            random.random(frames) < 0.5,
+            random.standard_normal((NOISE_FRAMES, 3)) * self._std,
+            random.random(NOISE_FRAMES) < 0.5,
         )
 
-    def correlated(self, noise: Floats) -> Floats:
+    def _correlated(self, noise: Floats) -> Floats:
         """Return white noise (n, 3) correlated over time, of the same variance.
 
         The result is an Ornstein-Uhlenbeck process, sampled at the frames.
         """
-        if not self._config.noise_correlation_s:
+        if not self._config.faults.noise_correlation_s:
             return noise
-        keep = math.exp(-1.0 / self._sensor.rate_hz / self._config.noise_correlation_s)
+        keep = math.exp(-1.0 / self._config.rate_hz / self._config.faults.noise_correlation_s)
         fresh = math.sqrt(1.0 - keep * keep)
         coloured = noise.copy()
         for row in range(1, len(noise)):
             coloured[row] = keep * coloured[row - 1] + fresh * noise[row]
         return coloured
 
-    def shown(self, tick: int, person: Pose2D) -> tuple[Pose2D | None, Pose2D | None]:
-        """Return the true poses of the first and the second person that a frame shows."""
-        if not self._config.other_m:
-            return person, None
-        second = person._replace(y=person.y + self._config.other_m)
-        if any(begin <= tick < end for begin, end in self._stand_ins):
-            return second, None
-        return person, second if self._config.other_seen else None
 
-    def distorted(self, row: int, pose: Pose2D) -> Pose2D:
-        """Return the first person's pose with the outliers and flips of a frame."""
-        if not self._distorts:
-            return pose
-        offsets, flipped, _, _ = self._drawn
-        x, y = offsets[row].tolist()
-        yaw = wrap(pose.yaw + math.pi) if flipped[row] else pose.yaw
-        return Pose2D(pose.x + x, pose.y + y, yaw)
-
-    def noisy(self, row: int, second: Pose2D) -> Pose2D:
-        """Return the second person's pose with the noise of a frame."""
-        x, y, yaw = self._drawn[2][row].tolist()
-        return Pose2D(second.x + x, second.y + y, wrap(second.yaw + yaw))
-
-    def names_second_first(self, row: int) -> bool:
-        """Return whether a frame names the second person before the first."""
-        return bool(self._drawn[3][row])
+def _moved(pose: Pose2D, noise: Floats) -> Pose2D:
+    x, y, yaw = noise.tolist()
+    return Pose2D(pose.x + x, pose.y + y, wrap(pose.yaw + yaw))
 
 
 def _in_ticks(intervals_s: Sequence[tuple[float, float]], tick_s: float) -> list[tuple[int, int]]:
