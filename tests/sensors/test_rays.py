@@ -89,8 +89,8 @@ def analytic_distances(origins, directions, world, people, robot, pose):
     return np.min(distances, axis=0)
 
 
-@pytest.mark.parametrize(("seed", "level"), [(0, False), (1, True)])
-def test_distances_are_those_of_an_independent_implementation(seed, level):
+@pytest.mark.parametrize(("seed", "is_level"), [(0, False), (1, True)])
+def test_distances_are_those_of_an_independent_implementation(seed, is_level):
     random = np.random.default_rng(seed)
     world = random_world(random)
     scene = RayScene(world, [NEXUS, NEXUS], people=2)
@@ -107,10 +107,10 @@ def test_distances_are_those_of_an_independent_implementation(seed, level):
         people.append((joints, height))
     origin = np.append(random.uniform(-4.0, 4.0, 2), random.uniform(0.02, 1.8))
     directions = random.normal(size=(rays, 3))
-    if level:
+    if is_level:
         directions[:, 2] = 0.0
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    distances, hits = scene.cast(origin, directions, level=level)
+    distances, hits = scene.cast(origin, directions)
     origins = np.tile(origin, (rays, 1))
     exact = analytic_distances(origins, directions, world, people, NEXUS, pose)
     assert np.array_equal(np.isinf(distances), np.isinf(exact))
@@ -125,8 +125,8 @@ def test_a_robot_is_seen_by_others_only():
     angles = np.linspace(0.0, math.tau, 200, endpoint=False)
     rays = np.stack((np.cos(angles), np.sin(angles), 0.0 * angles), axis=-1)
     origin = np.array((1.0, 2.0, 0.1))
-    assert np.all(np.isinf(scene.cast(origin, rays, robot=0, level=True)[0]))
-    assert np.all(np.isfinite(scene.cast(origin, rays, robot=1, level=True)[0]))
+    assert np.all(np.isinf(scene.cast(origin, rays, robot=0)[0]))
+    assert np.all(np.isfinite(scene.cast(origin, rays, robot=1)[0]))
 
 
 def scan(scene, pose=Pose2D(), seed=0, **settings):  # noqa: B008

@@ -56,7 +56,7 @@ class Lidar:
         directions = rotate(self._beams, robot.yaw)
         noise: Floats = self._random.standard_normal(config.beams)
         lost = self._random.random(config.beams) < config.dropout_probability
-        ranges, hits = scene.cast(origin, directions, CARRIER, config.max_range_m, level=True)
+        ranges, hits = scene.cast(origin, directions, CARRIER, config.max_range_m)
         ranges += config.range_std_m * noise
         ranges = np.minimum(np.rint(ranges * STEPS_PER_M) / STEPS_PER_M, self._farthest)
         ranges = np.maximum(ranges, 1.0 / STEPS_PER_M)  # an object that is too close is not 0

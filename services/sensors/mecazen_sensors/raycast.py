@@ -36,10 +36,8 @@ NOWHERE_M = -1e6
 """Height of absent bodies: below the ground, beyond every range [m]."""
 CARRIER = 0
 """The number of the robot that carries the sensor."""
-HIDDEN = 1
-"""The geom group of geoms that a level ray can't hit."""
-SHOW_ALL = np.ones(mujoco.mjNGROUP, np.uint8)
-SHOW_LEVEL = (np.arange(mujoco.mjNGROUP) != HIDDEN).astype(np.uint8)
+SHOWN = np.ones(mujoco.mjNGROUP, np.uint8)
+"""All groups of geoms."""
 
 _EYE = np.eye(len(JOINTS))
 _BEGINS: Floats = _EYE[[INDEX[limb.begin] for limb in LIMBS]]
@@ -81,12 +79,6 @@ class RayScene:
             for robot in self._robots
         ]
         self._positions[len(shapes) :, 2] = NOWHERE_M
-        # half the height of each geom: for upright boxes and cylinders it is part of their size
-        self._reach: Floats = np.where(
-            self._model.geom_type == mujoco.mjtGeom.mjGEOM_BOX, self._sizes[:, 2], self._sizes[:, 1]
-        )
-        for robot in self._robots:
-            self._reach[robot] = np.max(self._model.geom_rbound[robot])
 
     def limbs(self, person: int) -> slice:
         """Return the numbers of a person's geoms, in the order of `mecazen.skeleton.LIMBS`."""
@@ -119,9 +111,7 @@ class RayScene:
         axes = along / lengths[:, None]
         self._positions[geoms] = product(_MIDDLES, joints)
         _set_frames(self._rotations[geoms], axes)
-        radii, half = _RADII * height, lengths / 2
-        self._sizes[geoms, 0], self._sizes[geoms, 1] = radii, half
-        self._reach[geoms] = radii + half * np.abs(axes[:, 2])
+        self._sizes[geoms, 0], self._sizes[geoms, 1] = _RADII * height, lengths / 2
 
     def remove_person(self, person: int) -> None:
         """Make a person absent until they are placed again."""
@@ -133,8 +123,6 @@ class RayScene:
         directions: Floats,
         robot: int | None = None,
         max_range: float = 1e9,
-        *,
-        level: bool = False,
     ) -> tuple[Floats, Ints]:
         """Return the distance to the first geom that each ray hits, and the geom's number.
 
@@ -143,23 +131,17 @@ class RayScene:
             directions: Unit vectors in the world (n, 3).
             robot: The robot that carries the sensor, which its rays pass through.
             max_range: Distance beyond which nothing is hit [m].
-            level: Whether all rays are parallel to the ground, which allows a faster test.
 
         Returns:
             Distances (n,) [m] and numbers (n,) of geoms; inf and -1 if nothing is hit.
         """
         distances, hits = np.empty(len(directions)), np.empty(len(directions), np.int32)
-        shown = SHOW_ALL
-        if level:
-            shown = SHOW_LEVEL
-            out = np.abs(self._positions[:, 2] - origin[2]) > self._reach
-            self._model.geom_group[:] = out  # HIDDEN if outside the rays' plane
         mujoco.mj_multiRay(
             self._model,
             self._data,
             origin,
             directions.ravel(),
-            shown,
+            SHOWN,
             1,
             -1 if robot is None else robot + 1,  # body 0 is the world
             hits,
