@@ -75,29 +75,25 @@ class LegCycle(NamedTuple):
     """Share of the way in the world from the last footprint to the next one; 0 in stance."""
 
 
-class GaitCycle(NamedTuple):
-    """A steady gait at one speed."""
+class GaitCycle:
+    """A steady gait at one speed [m/s], in the frame of the path's pose.
 
-    stride: float
-    stance_shares: tuple[float, float]
-    leads: tuple[float, float]
-    """Forward places of the standing feet at half stance, relative to the path's pose [m]."""
-    swings: Swings
-    forward: Sequence[float]
-    """Offset of the pelvis ahead of the path's pose over the left leg's phase, SAMPLES + 1 [m]."""
-    height: Sequence[float]
-    """Height of the pelvis [m]."""
-    legs: tuple[tuple[LegCycle, LegCycle], tuple[LegCycle, LegCycle]]
-    """Stance and swing of the left leg and of the right one."""
+    Phases are the left leg's unless noted.
 
-
-class _Solver:
-    """Solves a cycle, in the frame of the path's pose; phases are the left leg's unless noted."""
+    Attributes:
+        stride: Length of a stride [m].
+        stance_shares: Shares of the cycle for which the left and the right foot stand.
+        swings: The prescribed oscillations.
+        leads: Forward places of the standing feet at half stance [m].
+        forward: Offset of the pelvis ahead over the phase, SAMPLES + 1 values [m].
+        height: Height of the pelvis, likewise.
+        legs: Stance and swing of the left leg and of the right one.
+    """
 
     def __init__(self, style: Style, segments: Segments, speed: float) -> None:
         self._style, self._segments, self._speed = style, segments, speed
         self.stride, self.swings = style.stride(speed), Swings.from_factors(style.factors(speed))
-        self.shares = style.stance_share(0, speed), style.stance_share(1, speed)
+        self.stance_shares = style.stance_share(0, speed), style.stance_share(1, speed)
         self._leads = style.lead(0, speed), style.lead(1, speed)
         # between the samples, where neither leg's weight is exactly 0
         places = [self._pelvis_over_feet((i + 0.5) / SAMPLES) for i in range(SAMPLES)]
@@ -105,8 +101,11 @@ class _Solver:
         self._height = Fourier([z for _, z in places], _HARMONICS)
         # feet are shifted back, so that the mean place of the pelvis is the path's pose
         self.leads = self._leads[0] - self._forward.mean, self._leads[1] - self._forward.mean
+        pelvis = [self._pelvis(i / SAMPLES) for i in range(SAMPLES + 1)]
+        self.forward, self.height = [x for x, _ in pelvis], [z for _, z in pelvis]
+        self.legs = self._leg(0), self._leg(1)
 
-    def pelvis(self, phase: float) -> tuple[float, float]:
+    def _pelvis(self, phase: float) -> tuple[float, float]:
         """Return the pelvis's forward place and its height [m]."""
         phase -= 0.5 / SAMPLES
         return self._forward.at(phase) - self._forward.mean, self._height.at(phase)
@@ -137,7 +136,7 @@ class _Solver:
     def _pelvis_over_feet(self, phase: float) -> tuple[float, float]:
         """Return the forward place and the height of the pelvis that suit the standing legs."""
         total = forward = height = 0.0
-        for side, share in enumerate(self.shares):
+        for side, share in enumerate(self.stance_shares):
             leg_phase = math.fmod(phase + side * self._style.offset, 1.0)
             if leg_phase >= share:
                 continue
@@ -151,9 +150,9 @@ class _Solver:
             height += weight * (roll_z + drop - z)
         return forward / total, height / total
 
-    def leg(self, side: int) -> tuple[LegCycle, LegCycle]:
+    def _leg(self, side: int) -> tuple[LegCycle, LegCycle]:
         """Return a leg's stance and its swing."""
-        share, parts = self.shares[side], [i / SAMPLES for i in range(SAMPLES + 1)]
+        share, parts = self.stance_shares[side], [i / SAMPLES for i in range(SAMPLES + 1)]
         stance = [_stance_pitch(u, self._step(side, share * u)[0]) for u in parts]
         phases = [share + (1.0 - share) * u for u in parts]
         pitches = [self._step(side, math.fmod(phase, 1.0))[0] for phase in phases]
@@ -164,7 +163,7 @@ class _Solver:
             hip_x, hip_z, left = self._hip(side, phase)
             _, reach, drop = self._step(side, math.fmod(leg_phase, 1.0), left)
             roll_x, roll_z = self._segments.roll(pitch)
-            pelvis_x, pelvis_z = self.pelvis(phase)
+            pelvis_x, pelvis_z = self._pelvis(phase)
             lifts.append(pelvis_z + hip_z - drop - roll_z)
             base = pelvis_x + hip_x + reach - roll_x - self.leads[side]
             progresses.append(base / self.stride + leg_phase - share / 2)
@@ -177,27 +176,12 @@ class _Solver:
         return LegCycle(stance, zeros, zeros), LegCycle(pitches, lifts, _tied(progresses, 0.0, 1.0))
 
 
-def solve(style: Style, segments: Segments, speed: float) -> GaitCycle:
-    """Return the cycle at a `speed` [m/s]."""
-    solver = _Solver(style, segments, speed)
-    forward, height = zip(*(solver.pelvis(i / SAMPLES) for i in range(SAMPLES + 1)), strict=True)
-    return GaitCycle(
-        solver.stride,
-        solver.shares,
-        solver.leads,
-        solver.swings,
-        forward,
-        height,
-        (solver.leg(0), solver.leg(1)),
-    )
-
-
 class GaitTable:
     """The gait at any speed: solved cycles, interpolated linearly in speed and phase."""
 
     def __init__(self, style: Style, segments: Segments) -> None:
         count = round((FASTEST - SLOWEST) / _SPEED_STEP) + 1
-        self._cycles = [solve(style, segments, SLOWEST + i * _SPEED_STEP) for i in range(count)]
+        self._cycles = [GaitCycle(style, segments, SLOWEST + i * _SPEED_STEP) for i in range(count)]
         self.offset = style.offset
         self._speed = -1.0
         self.set_speed(0.0)
