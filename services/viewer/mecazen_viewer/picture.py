@@ -84,15 +84,16 @@ class PoseTrail:
 class Picture:
     """The entities of one robot in the recording of a run; without a name, those of all robots.
 
-    Each method `on_...` draws a message at the time of its tick [ns]. It raises RefusedError if the
-    message can't be drawn. `scenario` is that of the robot's services; all pictures of a run share
-    `texts`.
+    Each method `on_...` draws a message at `time_ns`, the time of its tick [ns]. It raises
+    RefusedError if the message can't be drawn. `scenario` is that of the robot's services; all
+    pictures of a run share `texts`.
     """
 
     def __init__(
         self, recording: rr.RecordingStream, scenario: Scenario, texts: StatusText, name: str = ""
     ) -> None:
         self._recording, self._scenario, self._texts, self._name = recording, scenario, texts, name
+        self.time_ns = 0
         self._robot, self._odom, self._person = PoseTrail(), PoseTrail(), PoseTrail()
         self._model: RobotModel | None = None
         self._observations: deque[Pose2D] = deque(maxlen=OBSERVATIONS)
@@ -133,7 +134,7 @@ class Picture:
         for path, shape in self._model.shapes:
             self._log(path, shape, static=True)
 
-    def on_ground_truth(self, odom: m.Odometry, time_ns: int) -> None:
+    def on_ground_truth(self, odom: m.Odometry) -> None:
         """Move the robot, the view that follows it, and the grid below."""
         pose, p, q = _planar(odom), odom.pose.pose.position, odom.pose.pose.orientation
         position, turn = np.array((p.x, p.y, p.z)), np.array((q.x, q.y, q.z, q.w))
@@ -143,55 +144,54 @@ class Picture:
         person = self._person.newest or pose
         middle = Pose2D((pose.x + person.x) / 2.0, (pose.y + person.y) / 2.0)
         self._log(layout.FOLLOW, scene.planar_frame(middle))
-        self._extend_trail("robot", self._robot, time_ns, pose)
+        self._extend_trail("robot", self._robot, pose)
         centre = scene.grid_centre(pose)
         if centre != self._grid:
             self._grid = centre
             self._log(layout.GROUND, scene.ground(centre), static=True)
 
-    def on_joint_states(self, joints: m.JointState, time_ns: int) -> None:
+    def on_joint_states(self, joints: m.JointState) -> None:
         """Turn the wheels and rollers."""
         if self._model is not None:
             for path, poses in self._model.pose(joints):
                 self._log(path, poses)
-        if len(joints.velocity) >= len(WHEELS) and self._is_due(layout.WHEEL_SPEED, time_ns):
+        if len(joints.velocity) >= len(WHEELS) and self._is_due(layout.WHEEL_SPEED):
             self._plot(f"{layout.WHEEL_SPEED}/measured", *joints.velocity[: len(WHEELS)])
 
-    def on_joint_command(self, joints: m.JointState, time_ns: int) -> None:
+    def on_joint_command(self, joints: m.JointState) -> None:
         """Plot the commanded wheel speeds; a command of efforts has none."""
         speeds = dict(zip(joints.name, joints.velocity, strict=False))
         names = self._scenario.robot.wheels.joints
-        if speeds.keys() >= set(names) and self._is_due("commanded wheels", time_ns):
+        if speeds.keys() >= set(names) and self._is_due("commanded wheels"):
             self._plot(f"{layout.WHEEL_SPEED}/commanded", *(speeds[name] for name in names))
 
-    def on_odom(self, odom: m.Odometry, time_ns: int) -> None:
+    def on_odom(self, odom: m.Odometry) -> None:
         """Place the odom frame so that odometry and ground truth coincide."""
         pose = _planar(odom)
-        self._extend_trail("odometry", self._odom, time_ns, pose)
-        if self._is_due(layout.ODOM, time_ns):
-            if (truth := self._robot.at(time_ns)) is not None:
+        self._extend_trail("odometry", self._odom, pose)
+        if self._is_due(layout.ODOM):
+            if (truth := self._robot.at(self.time_ns)) is not None:
                 frame = truth.compose(pose.between(Pose2D()))
                 self._log(layout.ODOM, scene.planar_frame(frame))
             self._plot_velocity("measured", odom.twist.twist.to_planar())
 
-    def on_target_odom(self, odom: m.Odometry, time_ns: int) -> None:
+    def on_target_odom(self, odom: m.Odometry) -> None:
         """Move the person; the body is animated if no service publishes its joints."""
         pose = _planar(odom)
         self._place(layout.PERSON, scene.planar_frame(pose))
         if not self._has_skeleton:
             motion, height = PersonMotion(pose, odom.twist.twist.to_planar()), self._height
-            self._draw_person(self._walk("", motion, height, time_ns))
-        self._extend_trail("person", self._person, time_ns, pose)
+            self._draw_person(self._walk("", motion, height))
+        self._extend_trail("person", self._person, pose)
         # a follower that publishes its state has the errors plotted with it
-        reports = time_ns - self._drawn_ns.get(layout.ESTIMATE, -SILENCE_NS) < SILENCE_NS
-        if not reports and self._is_due("true errors", time_ns):
-            robot = self._robot.at(time_ns)
+        reports = self.time_ns - self._drawn_ns.get(layout.ESTIMATE, -SILENCE_NS) < SILENCE_NS
+        if not reports and self._is_due("true errors"):
+            robot = self._robot.at(self.time_ns)
             if robot is not None:
                 self._plot_errors(self._standoff, pose.between(robot))
 
-    def on_parameters(self, parameters: m.Parameters, time_ns: int) -> None:
+    def on_parameters(self, parameters: m.Parameters) -> None:
         """Show the obstacles that were added to the world, and clear those that were removed."""
-        del time_ns
         try:
             world = with_added(self._scenario, settings_of(parameters)).world
         except ConfigError as error:
@@ -206,7 +206,7 @@ class Picture:
                 self._log(f"{layout.ADDED}/{name}", scene.obstacles([solid]))
         self._added = added
 
-    def on_people(self, people: m.People, time_ns: int) -> None:
+    def on_people(self, people: m.People) -> None:
         """Move the people whom no robot follows; who comes without joints is animated."""
         others = [person for person in people.persons if person.id not in self._followed]
         joints, heights = [np.empty((0, len(JOINTS), 3))], np.array([p.height for p in others])
@@ -216,41 +216,37 @@ class Picture:
             else:
                 pose, twist = _in_range(person.pose.to_planar()), person.twist.to_planar()
                 motion = PersonMotion(pose, twist)
-                joints.append(self._walk(person.id, motion, person.height, time_ns)[None])
+                joints.append(self._walk(person.id, motion, person.height)[None])
         self._log(layout.PEOPLE, senses.bodies(np.concatenate(joints), heights, senses.OTHER))
 
-    def on_skeleton(self, skeleton: m.Skeleton, time_ns: int) -> None:
+    def on_skeleton(self, skeleton: m.Skeleton) -> None:
         """Move the person's limbs."""
-        del time_ns
         self._draw_person(senses.joints_of(skeleton))
 
-    def on_skeletons(self, frame: m.Skeletons, time_ns: int) -> None:
+    def on_skeletons(self, frame: m.Skeletons) -> None:
         """Show the detected bones, transformed with the robot's pose at their capture."""
-        del time_ns
         robot = self._robot.at(frame.header.stamp.ns)
         if robot is not None:
             self._log(layout.SKELETON, senses.skeletons(frame.skeletons, robot))
 
-    def on_scan(self, scan: m.LaserScan, time_ns: int) -> None:
+    def on_scan(self, scan: m.LaserScan) -> None:
         """Show the points of a scan."""
-        del time_ns
         robot = self._robot.at(scan.header.stamp.ns)
         if robot is not None:
             self._log(layout.SCAN, senses.scan(scan, self._lidar, robot))
 
-    def on_depth(self, image: m.Image, time_ns: int) -> None:
+    def on_depth(self, image: m.Image) -> None:
         """Show the depth picture."""
-        del time_ns
         self._log(layout.DEPTH, senses.depth(image))
 
-    def on_observation(self, frame: m.Observation, time_ns: int) -> None:
+    def on_observation(self, frame: m.Observation) -> None:
         """Show the observation, transformed with the robot's pose at its capture."""
         observation = self._in_world(frame) if frame.poses else None
         if observation is not None:
             self._observations.append(observation)
         elif self._observations:
             self._observations.popleft()
-        if not self._is_due(layout.OBSERVATION, time_ns):
+        if not self._is_due(layout.OBSERVATION):
             return
         points = np.array([pose[:2] for pose in self._observations]).reshape(-1, 2)
         self._log(layout.OBSERVATION, scene.points(points))
@@ -261,42 +257,40 @@ class Picture:
                 covariance = scene.drawable_covariance(frame.poses[0].covariance)
             self._place(layout.OBSERVATION_ELLIPSE, scene.ellipse(x, y, covariance, yaw))
 
-    def on_follower_state(self, state: m.FollowerState, time_ns: int) -> None:
+    def on_follower_state(self, state: m.FollowerState) -> None:
         """Show estimate and goal, and plot the errors of robot and estimate."""
         for path, line in self._texts.tracking(state, self._name):
             self._log(path, line)
-        if not (state.estimate and state.goal and self._is_due(layout.ESTIMATE, time_ns)):
+        if not (state.estimate and state.goal and self._is_due(layout.ESTIMATE)):
             return
         person, goal = _planar(state.estimate[0]), _in_range(state.goal[0].to_planar())
         covariance = scene.drawable_covariance(state.estimate[0].pose.covariance)
         self._place(layout.ESTIMATE, scene.planar_frame(person))
         self._place(layout.ESTIMATE_ELLIPSE, scene.ellipse(person.x, person.y, covariance))
         self._place(layout.GOAL, scene.planar_frame(goal))
-        robot, truth = self._robot.at(time_ns), self._person.at(time_ns)
+        robot, truth = self._robot.at(self.time_ns), self._person.at(self.time_ns)
         actual = None if robot is None or truth is None else truth.between(robot)
         x, y, heading = person.between(goal)
         standoff = Standoff(math.hypot(x, y), math.atan2(y, x), heading)
         self._plot_errors(standoff, actual, state.distance_error, state.heading_error)
-        odom = self._odom.at(time_ns)
+        odom = self._odom.at(self.time_ns)
         if actual is not None and odom is not None and covariance is not None:
             truth_in_odom = odom.compose(actual.between(Pose2D()))
             score = nees(person, truth_in_odom, covariance)
             self._plot(layout.NEES, *panels.GOOD_NEES, score)
 
-    def on_guard_state(self, state: m.GuardState, time_ns: int) -> None:
+    def on_guard_state(self, state: m.GuardState) -> None:
         """Log changes of the guard's state."""
-        del time_ns
         for path, line in self._texts.guard(state, self._name):
             self._log(path, line)
 
-    def on_cmd_vel(self, twist: m.Twist, time_ns: int) -> None:
+    def on_cmd_vel(self, twist: m.Twist) -> None:
         """Plot the commanded velocity."""
-        if self._is_due("commanded", time_ns):
+        if self._is_due("commanded"):
             self._plot_velocity("commanded", twist.to_planar())
 
-    def on_diagnostics(self, report: m.DiagnosticArray, time_ns: int, service: str) -> None:
+    def on_diagnostics(self, report: m.DiagnosticArray, service: str) -> None:
         """Show the health of a service, and plot the real-time factor from physics."""
-        del time_ns
         for path, text in self._texts.diagnostics(service, report, self._name):
             self._log(path, text)
         for status in report.status:
@@ -314,15 +308,15 @@ class Picture:
         for name, shape in self._unplaced.pop(path, {}).items():
             self._log(f"{path}/{name}", shape, static=True)
 
-    def _extend_trail(self, name: str, trail: PoseTrail, time_ns: int, pose: Pose2D) -> None:
-        if trail.add(time_ns, pose):
+    def _extend_trail(self, name: str, trail: PoseTrail, pose: Pose2D) -> None:
+        if trail.add(self.time_ns, pose):
             self._log(f"{layout.TRAILS}/{name}", scene.trail(trail.points))
 
-    def _walk(self, person: str, motion: PersonMotion, height: float, time_ns: int) -> Floats:
+    def _walk(self, person: str, motion: PersonMotion, height: float) -> Floats:
         """Let a person's body walk to the pose of a motion, and return the joints (20, 3)."""
         walker, walked_ns = self._walkers.get(person) or (_walker(round(height, 1)), -math.inf)
-        self._walkers[person] = walker, time_ns
-        return walker.follow(motion, (time_ns - walked_ns) / 1e9).joints
+        self._walkers[person] = walker, self.time_ns
+        return walker.follow(motion, (self.time_ns - walked_ns) / 1e9).joints
 
     def _draw_person(self, joints: Floats) -> None:
         heights = np.array([self._height])
@@ -353,11 +347,11 @@ class Picture:
         angles = math.degrees(heading_error), math.degrees(angle)
         self._plot(layout.ANGLE, *panels.ANGLE_BAND_DEG, *angles)
 
-    def _is_due(self, entity: str, time_ns: int) -> bool:
+    def _is_due(self, entity: str) -> bool:
         """Return whether an entity limited to ten times a second is due."""
-        if time_ns - self._drawn_ns.get(entity, -PLOT_STEP_NS) < PLOT_STEP_NS:
+        if self.time_ns - self._drawn_ns.get(entity, -PLOT_STEP_NS) < PLOT_STEP_NS:
             return False
-        self._drawn_ns[entity] = time_ns
+        self._drawn_ns[entity] = self.time_ns
         return True
 
     def _in_world(self, frame: m.Observation) -> Pose2D | None:

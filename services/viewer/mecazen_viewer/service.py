@@ -141,7 +141,7 @@ class ViewerService(Observer):
         self,
         robot: str,
         topic: Topic[MessageT],
-        draw: Callable[[Picture, MessageT, int], None],
+        draw: Callable[[Picture, MessageT], None],
     ) -> None:
         """Draw the messages of a robot's topic, at the time of the tick."""
         key = join_key(topic.key, robot)
@@ -155,8 +155,10 @@ class ViewerService(Observer):
             if self.recording is None:
                 self.recording = self.begin()
             self.recording.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
+            picture = self._pictures[robot]
+            picture.time_ns = time_ns
             try:
-                draw(self._pictures[robot], message, time_ns)
+                draw(picture, message)
             except RefusedError as refusal:
                 self.bus.refuse(key, str(refusal))
 
@@ -192,7 +194,7 @@ class ViewerService(Observer):
         texts = StatusText()
         self._pictures = {"": Picture(recording, scenario, texts)}
         recording.set_time(TIMELINE, duration=0.0)
-        self._pictures[""].on_parameters(Parameters(), 0)
+        self._pictures[""].on_parameters(Parameters())
         for robot in scenario.names:
             own = scenario.of(robot) if robot else scenario
             picture = self._pictures[robot] = Picture(recording, own, texts, robot)
