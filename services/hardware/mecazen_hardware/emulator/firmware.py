@@ -29,11 +29,8 @@ DUTY_STEP = 20.0
 LOW_V, HIGH_V, DEAD_V, TWO_CELLS_V = 9.6, 13.0, 6.5, 8.5
 LATCH_READINGS = 20
 VERSION = 3, 5
-KINEMATICS = {1, 2, 3, 10}
-"""Types of car that have mecanum wheels."""
-STEERING = ((0, 0, 0), (10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, -10, 0), (0, 0, 50), (0, 0, -50))
-"""Twists of the steering command by its direction, per unit of its speed [mm/s, mrad/s]."""
-Gains = tuple[int, int, int]
+P_GAIN, I_GAIN, D_GAIN = 0.8, 0.06, 0.5
+"""Gains of the motor loop after power-on."""
 
 
 class Instruments(NamedTuple):
@@ -58,11 +55,10 @@ class WheelPid:
     last: float = 0.0
     before: float = 0.0
 
-    def update(self, error: float, gains: Gains) -> float:
+    def update(self, error: float) -> float:
         """Return the output for the error of this cycle."""
-        p, i, d = (gain / 1000.0 for gain in gains)
-        self.out += p * (error - self.last) + i * error + d * (error - 2 * self.last + self.before)
-        self.out = _within(self.out, PID_LIMIT)
+        change, bend = error - self.last, error - 2 * self.last + self.before
+        self.out = _within(self.out + P_GAIN * change + I_GAIN * error + D_GAIN * bend, PID_LIMIT)
         self.before, self.last = self.last, error
         return self.out
 
@@ -86,7 +82,6 @@ class Firmware:
         self._ms = self._low = 0
         self._bytes = bytearray()
         self._reports, self._has_loop = True, False
-        self._gains: dict[int, Gains] = {0x13: (800, 60, 500), 0x14: (400, 0, 100)}
         self._pids = [WheelPid() for _ in range(4)]
         self._counts = [0] * 4
         self._speeds = [0.0] * 4
@@ -132,11 +127,11 @@ class Firmware:
             self.lost += 1
             return
         self.taken += 1
-        if not self.is_latched or frame[3] in {0x0F, 0x15, 0x50}:
+        if not self.is_latched or frame[3] in {0x0F, 0x50}:
             self._execute(frame[3], frame[4:-1])
 
     def _execute(self, function: int, payload: bytes) -> None:
-        """Execute a command; others (lights, servos, arm) are ignored."""
+        """Execute a command; others (lights, servos, steering, settings) are ignored."""
         match function, *payload:
             case 0x01, on, *_:
                 self._reports = bool(on)
@@ -148,35 +143,20 @@ class Firmware:
                 self.duty = [
                     _duty(DUTY_STEP * percent) if percent else None for percent in percents
                 ]
-            case 0x11, _, direction, _, _:
-                speed = int.from_bytes(payload[2:], "little", signed=True)
-                x, y, yaw = STEERING[direction if direction < len(STEERING) else 0]
-                self._move(speed * x, speed * y, speed * yaw)
             case 0x12, _, _, _, _, _, _, _:
                 self._move(*struct.unpack("<3h", payload[1:]))
-            case ((0x13 | 0x14), _, _, _, _, _, _, _):
-                p, i, d = struct.unpack("<3H", payload[:6])
-                self._gains[function] = p, i, d
-            case 0x15, car_type, 0x5F:
-                self.car_type = car_type
             case 0x50, 0x51, _:
                 self._answers += _frame(0x51, bytes(VERSION))
             case 0x50, 0x15, _:
                 self._answers += _frame(0x15, bytes((self.car_type, 0)))
-            case 0x50, 0x13, index if 1 <= index <= 5:  # of four motors, or of the yaw
-                kind = 0x14 if index == 5 else 0x13
-                self._answers += _frame(kind, struct.pack("<B3H", index, *self._gains[kind]))
-            case 0x50, 0x01, _:
-                self._answers += self._speed_frame()
 
     def _move(self, x: int, y: int, yaw: int) -> None:
-        """Drive a twist [mm/s, mrad/s]; the kinematics follow the type in flash."""
+        """Drive a twist [mm/s, mrad/s]."""
         if x == y == yaw == 0:
             self._brake()
             return
         turn = yaw / 1000.0 * LEVER_MM
-        side = y if self.car_type in KINEMATICS else 0
-        rims = (x - side - turn, x + side - turn, x + side + turn, x - side + turn)
+        rims = (x - y - turn, x + y - turn, x + y + turn, x - y + turn)
         self.goal = [_within(speed, RIM_LIMIT) for speed in rims]
         self._has_loop = True
 
@@ -194,7 +174,7 @@ class Firmware:
         ]
         if self._has_loop and not self.is_latched:
             self.duty = [
-                _duty(pid.update(goal - speed, self._gains[0x13]))
+                _duty(pid.update(goal - speed))
                 for pid, goal, speed in zip(self._pids, self.goal, self._speeds, strict=True)
             ]
 
@@ -208,7 +188,11 @@ class Firmware:
     def _report(self, counter: int) -> bytes:
         measured = self._measured
         if counter == SPEED_AT:
-            return self._speed_frame()
+            m1, m2, m3, m4 = self._speeds
+            x, y = (m1 + m2 + m3 + m4) / 4, (-m1 + m2 + m3 - m4) / 4
+            yaw = (-m1 - m2 + m3 + m4) / 4 / LEVER_MM * 1000.0
+            tenths = min(max(int(measured.volts * 10.0), 0), 255)
+            return _frame(0x0A, struct.pack("<3hB", _int16(x), _int16(y), _int16(yaw), tenths))
         if counter == IMU_AT:
             raw = (*measured.gyro, *measured.accel, 0.0, 0.0, 0.0)
             return _frame(0x0E, struct.pack("<9h", *(_int16(1000.0 * value) for value in raw)))
@@ -219,13 +203,6 @@ class Firmware:
             counts = ((count + 2**31) % 2**32 - 2**31 for count in self._counts)
             return _frame(0x0D, struct.pack("<4i", *counts))
         return b""
-
-    def _speed_frame(self) -> bytes:
-        m1, m2, m3, m4 = self._speeds
-        x, y = (m1 + m2 + m3 + m4) / 4, (-m1 + m2 + m3 - m4) / 4
-        yaw = (-m1 - m2 + m3 + m4) / 4 / LEVER_MM * 1000.0
-        tenths = min(max(int(self._measured.volts * 10.0), 0), 255)
-        return _frame(0x0A, struct.pack("<3hB", _int16(x), _int16(y), _int16(yaw), tenths))
 
 
 def _frame(function: int, payload: bytes) -> bytes:
