@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Any, Literal, NamedTuple, NoReturn, TypeVar, get_args
+from typing import Any, Literal, NamedTuple, TypeVar, get_args
 
 import gymnasium
 import numpy as np
@@ -34,12 +34,6 @@ CHANGE_M_S = 0.01
 """Cost of a change of the action by 1 [m/s]."""
 AGE_S = 10.0
 """Highest age in an observation [s]."""
-
-
-NO_PICTURES = (
-    "mecazen/Follow-v0 draws no pictures; with the recorder among `services` it writes episodes "
-    "for mecazen view"
-)
 
 
 class Observation(NamedTuple):
@@ -86,7 +80,6 @@ class Task:
         far_m: Distance of the robot from its place beyond which an episode terminates [m].
         reward: `"place"`: minus the errors of place and heading, and the change of the action;
             `"scores"`: minus the errors whose means are D_err and Θ_err.
-        render_mode: Must be None.
 
     Raises:
         ConfigError: A setting can't be used; the message names the allowed values.
@@ -101,10 +94,7 @@ class Task:
         duration_s: float | None = None,
         far_m: float = 3.0,
         reward: Reward = "place",
-        render_mode: None = None,
     ) -> None:
-        if render_mode is not None:
-            raise ConfigError(f"render_mode = {render_mode!r}: {NO_PICTURES}")
         if duration_s is not None:
             settings = {**settings, "sim.duration_s": duration_s}
         self.scenario = _without_follower(load(scenario, settings))
@@ -270,14 +260,6 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
     def action(self, twist: Twist2D) -> Array:
         """Return the action that commands a twist of base_link as closely as possible."""
         return (np.array(twist) / self.scale).clip(-1.0, 1.0).astype(np.float32)
-
-    def render(self) -> NoReturn:
-        """Refuse to draw.
-
-        Raises:
-            NotImplementedError: Always; the message names an alternative.
-        """
-        raise NotImplementedError(NO_PICTURES)
 
     def close(self) -> None:
         """End the simulation."""

@@ -225,11 +225,6 @@ def test_what_can_not_be_used_is_said_in_one_line(options, said):
     assert "--set" not in str(error.value)
 
 
-@pytest.mark.filterwarnings("ignore:.*possible render_modes")  # Gymnasium's own
-def test_pictures_and_a_seed_that_the_scenario_can_not_have_are_refused(make):
-    with pytest.raises(ConfigError, match=r"^render_mode = 'human': .* draws no pictures"):
-        gymnasium.make(NAME, render_mode="human")
-    with pytest.raises(NotImplementedError, match="mecazen view"):
-        make().unwrapped.render()
+def test_a_seed_that_the_scenario_can_not_have_is_refused(make):
     with pytest.raises(ConfigError, match="seed"):
         make().reset(seed=2**32)
