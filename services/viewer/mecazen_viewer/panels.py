@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import rerun as rr
-from mecazen.messages import DiagnosticArray, DiagnosticStatus, FollowerState, GuardState
+from mecazen.messages import DiagnosticArray, DiagnosticStatus
 from mecazen.robot import WHEELS
 from mecazen.robots import join_key
 from mecazen.text import printable
@@ -106,19 +106,14 @@ class StatusText:
         self._logged: dict[str, object] = {}
         self._rows: dict[str, str] = {}
 
-    def tracking(self, state: FollowerState, robot: str) -> Iterator[Entity]:
-        """Return a log line if the tracking state of a robot has changed."""
-        name = join_key("tracking", robot)
-        if state.tracking and self._has_changed(name, state.tracking):
-            line = f"{name}: {state.tracking} {state.reason}".rstrip()
-            yield _log_line("follower", line, _level(state.tracking))
-
-    def guard(self, state: GuardState, robot: str) -> Iterator[Entity]:
-        """Return a log line if the state of a robot's guard has changed."""
-        name = join_key("guard", robot)
-        if state.state and self._has_changed(name, state.state):
-            line = f"{name}: {state.state} {state.reason}".rstrip()
-            yield _log_line("guard", line, _level(state.state))
+    def state(
+        self, service: str, name: str, state: str, reason: str, robot: str
+    ) -> Iterator[Entity]:
+        """Return a log line if a state that a service of a robot reports has changed."""
+        name = join_key(name, robot)
+        if state and self._has_changed(name, state):
+            level = STATE_LEVELS.get(state, rr.TextLogLevel.INFO)
+            yield _log_line(service, f"{name}: {state} {reason}".rstrip(), level)
 
     def diagnostics(self, service: str, report: DiagnosticArray, robot: str) -> Iterator[Entity]:
         """Return a log line if the health of a service has changed, and the health of all."""
@@ -136,10 +131,6 @@ class StatusText:
     def _has_changed(self, name: str, state: object) -> bool:
         before, self._logged[name] = self._logged.get(name), state
         return before != state
-
-
-def _level(state: str) -> rr.TextLogLevel:
-    return STATE_LEVELS.get(state, rr.TextLogLevel.INFO)
 
 
 def _log_line(source: str, line: str, level: rr.TextLogLevel) -> Entity:

@@ -259,8 +259,7 @@ class Picture:
 
     def on_follower_state(self, state: m.FollowerState) -> None:
         """Show estimate and goal, and plot the errors of robot and estimate."""
-        for path, line in self._texts.tracking(state, self._name):
-            self._log(path, line)
+        self._log_state("follower", "tracking", state.tracking, state.reason)
         if not (state.estimate and state.goal and self._is_due(layout.ESTIMATE)):
             return
         person, goal = _planar(state.estimate[0]), _in_range(state.goal[0].to_planar())
@@ -281,8 +280,7 @@ class Picture:
 
     def on_guard_state(self, state: m.GuardState) -> None:
         """Log changes of the guard's state."""
-        for path, line in self._texts.guard(state, self._name):
-            self._log(path, line)
+        self._log_state("guard", "guard", state.state, state.reason)
 
     def on_cmd_vel(self, twist: m.Twist) -> None:
         """Plot the commanded velocity."""
@@ -301,6 +299,10 @@ class Picture:
 
     def _log(self, path: str, archetype: rr.AsComponents, *, static: bool = False) -> None:
         self._recording.log(path_of_robot(path, self._name), archetype, static=static)
+
+    def _log_state(self, service: str, name: str, state: str, reason: str) -> None:
+        for path, line in self._texts.state(service, name, state, reason, self._name):
+            self._log(path, line)
 
     def _place(self, path: str, frame: rr.Transform3D) -> None:
         """Move a frame; its marks are drawn when it has its first place."""
