@@ -187,3 +187,24 @@ class PlanarRobots:
 
 def _column(values: Sequence[float]) -> Floats:
     return np.array(values)[:, None]
+
+
+def compose(pose: Floats, inner: Floats) -> Floats:
+    """Return poses (3, …) given in the frames of others (3, …), in the frame of those."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    x, y, yaw = inner
+    return np.array((pose[0] + c * x - s * y, pose[1] + s * x + c * y, pose[2] + yaw))
+
+
+def between(pose: Floats, other: Floats) -> Floats:
+    """Return other poses (3, …) in the frames of poses (3, …); the inverse of `compose`."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    dx, dy, turn = other - pose
+    return np.array((c * dx + s * dy, c * dy - s * dx, turn))
+
+
+def arc(twist: Floats, time_s: Floats | float) -> Floats:
+    """Return poses (3, …) after times with constant twists (3, …), by the heading in between."""
+    x, y, turn = twist * time_s
+    c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
+    return np.array((c * x - s * y, s * x + c * y, turn))

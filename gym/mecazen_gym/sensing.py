@@ -17,8 +17,9 @@ from mecazen_people.motion import with_gait
 from mecazen_people.paths import make_path
 from mecazen_target.sensor import latency_ticks
 
+from mecazen_gym.planar import Ints, between
+
 Words = npt.NDArray[np.uint64]
-Ints = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -182,21 +183,17 @@ class PoseSensors:
         """Return the persons in base_link (3, k) as a frame measures them, and which are seen."""
         config = self._config
         row = np.maximum(len(poses) - 1 - newest[envs] + capture, 0)
-        robot_x, robot_y, robot_yaw = poses[row, :, envs].T
-        person_x, person_y, person_yaw = self._persons.at(capture, envs)
-        dx, dy = person_x - robot_x, person_y - robot_y
-        c, s = np.cos(robot_yaw), np.sin(robot_yaw)
-        x, y = c * dx + s * dy, c * dy - s * dx
+        robot, person = poses[row, :, envs].T, self._persons.at(capture, envs)
+        pose, (dx, dy, _) = between(robot, person), person - robot
         distance = np.sqrt(dx * dx + dy * dy)
         drawn = draw(self.streams[envs], FRAME, frame)
         is_seen = (capture >= 0) & (distance <= config.max_range_m)
         is_seen &= uniform(drawn[3]) >= config.dropout_probability
         if config.fov_deg < 360.0:
-            is_seen &= x >= math.cos(math.radians(config.fov_deg / 2.0)) * distance
+            is_seen &= pose[0] >= math.cos(math.radians(config.fov_deg / 2.0)) * distance
         for hidden, shown in self._occlusions:
             is_seen &= (capture < hidden) | (capture >= shown)
-        noise = NORMAL[drawn[:3]] * self._std[:, None] * self.noise[envs]
-        pose = np.stack((x, y, person_yaw - robot_yaw)) + noise
+        pose += NORMAL[drawn[:3]] * self._std[:, None] * self.noise[envs]
         faults = config.faults
         if faults.outlier_probability or faults.flip_probability:
             drawn = draw(self.streams[envs], FAULT, frame)

@@ -20,13 +20,12 @@ from mecazen_tools.simulation import load
 from mecazen_tools.table import wrap
 
 from mecazen_gym.follow import AGE_S, Array, Task, valid
-from mecazen_gym.planar import PlanarRobots
+from mecazen_gym.planar import Ints, PlanarRobots, between
 from mecazen_gym.sensing import (
     EPISODE,
     GOLDEN,
     NORMAL,
     ODOMETRY,
-    Ints,
     Mask,
     Persons,
     PoseSensors,
@@ -230,9 +229,8 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         dx, dy = self._person[:2] - self._robot[:2]
         touches: Mask = dx * dx + dy * dy <= self.task.reach_m**2
         near = np.flatnonzero(touches)
-        c, s = np.cos(self._robot[2, near]), np.sin(self._robot[2, near])
-        dx, dy = dx[near], dy[near]
-        touches[near] = self.task.is_near(c * dx + s * dy, c * dy - s * dx)
+        ahead, beside, _ = between(self._robot[:, near], self._person[:, near])
+        touches[near] = self.task.is_near(ahead, beside)
         return touches
 
     def _observations(self) -> Array:

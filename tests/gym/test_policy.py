@@ -10,7 +10,8 @@ from harness import SCENARIOS, error_of
 from mecazen.errors import ConfigError
 from mecazen.keys import CMD_VEL
 from mecazen.loading import load_scenario
-from mecazen_gym.policy import SIZE, Policy, PolicyFollower, arc, between, compose, read_weights
+from mecazen_gym.planar import arc, between, compose
+from mecazen_gym.policy import SIZE, Policy, PolicyFollower, read_weights
 from mecazen_gym.vector import FollowVectorEnv
 from mecazen_tools.simulation import Simulation
 
