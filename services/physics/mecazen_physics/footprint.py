@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mecazen.config import PhysicsConfig
 from mecazen.config.world import Box, Cylinder, Ridge
 from mecazen.geometry import Pose2D
 
@@ -15,11 +14,6 @@ CLEARANCE_M = 0.02
 """Margin that is added to the distance that two footprints can travel within the horizon [m]."""
 MAX_ACCELERATION_M_S2 = 10.0
 """Maximum acceleration of a robot on the ground."""
-
-
-def horizon_steps(physics: PhysicsConfig) -> int:
-    """Return the maximum number of steps between two checks of the robots' surroundings."""
-    return max(1, round(HORIZON_S / physics.dt_s))
 
 
 class Footprint(NamedTuple):

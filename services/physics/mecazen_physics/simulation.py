@@ -11,7 +11,7 @@ from mecazen.geometry import Pose2D
 from mecazen.robot import Robot
 from mecazen.wheels import WheelCommand
 
-from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, horizon_steps
+from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.robot import HYSTERESIS, SimulatedRobot
 from mecazen_physics.world import UnsupportedError
@@ -42,7 +42,8 @@ class Simulation:
             raise UnsupportedError(
                 "several robots need the same rollers.contact_friction: they share a ground"
             )
-        self._horizon = horizon_steps(physics)
+        self._horizon = max(1, round(HORIZON_S / physics.dt_s))
+        """Maximum number of steps between two checks of the robots' surroundings."""
         fastest = max(robot.max_speed for robot in self.robots)
         diameter = 2.0 * max(robot.footprint().radius for robot in self.robots)
         self._far = diameter + HYSTERESIS * (CLEARANCE_M + 2.0 * fastest * HORIZON_S)

@@ -16,15 +16,6 @@ WITH_FILES = ("target", "crowd", "bus")
 """Sections that refer to files, such as a recorded walk."""
 
 
-def user_programs(text: str) -> dict[str, str]:
-    """Return the programs of a scenario that are files or modules, not installed nodes.
-
-    Raises:
-        ValueError: The text is not TOML.
-    """
-    return _user_programs(parse_toml(text))
-
-
 def read_scenario(
     text: str, path: Path, sections: Collection[str] = (), *, trusted: bool = False
 ) -> Scenario:
@@ -41,7 +32,7 @@ def read_scenario(
     """
     tables = parse_toml(text)
     programs = tables["programs"] if isinstance(tables.get("programs"), dict) else {}
-    left_out = {} if trusted else _user_programs(tables)
+    left_out = {} if trusted else user_programs(tables)
     if left_out:
         tables["programs"] = _without(programs, left_out)
     optional = {*left_out, *programs.keys() - NODES.keys(), *WITH_FILES} - {*sections}
@@ -56,7 +47,8 @@ def read_scenario(
         return read_scenario(text, path, {*sections} - left_out.keys(), trusted=trusted)
 
 
-def _user_programs(tables: dict[str, Any]) -> dict[str, str]:
+def user_programs(tables: dict[str, Any]) -> dict[str, str]:
+    """Return the programs of a scenario that are files or modules, not installed nodes."""
     programs = tables.get("programs")
     named = programs.items() if isinstance(programs, dict) else ()
     return {name: str(program) for name, program in named if ":" in str(program)}

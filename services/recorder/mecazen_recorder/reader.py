@@ -16,7 +16,7 @@ from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario
 from mecazen.errors import UntrustedError
-from mecazen.files import open_regular
+from mecazen.files import open_regular, parse_toml
 from mecazen.keys import TOPICS
 from mecazen.loading import renamed_in, robots_in
 from mecazen.messages import Message, MessageT
@@ -202,7 +202,7 @@ class Recording:
         programs: dict[str, None] = {}
         for text in () if self.trusted else self.scenarios.values():
             with suppress(ValueError):  # damage is reported when it is needed
-                programs |= dict.fromkeys(user_programs(text).values())
+                programs |= dict.fromkeys(user_programs(parse_toml(text)).values())
         if programs:
             names = printable(", ".join(programs))
             raise UntrustedError(f"{self.path}: would run its programs {names}")
