@@ -1,21 +1,17 @@
-"""Messages in ROS 2's CDR (XCDR1): a header of four bytes, then fields aligned to their size.
-
-rosbags decodes messages. Its encoder is too slow for the messages of every tick: 73 µs where
-`encode` takes 34. So `encode` packs a whole message by `struct`, whose native
-alignment is CDR's.
-"""
+"""Messages in ROS 2's CDR (XCDR1), encoded and decoded by rosbags."""
 
 from __future__ import annotations
 
 import math
 import struct
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from functools import cache, lru_cache, partial
-from operator import attrgetter
+from collections.abc import Callable
+from functools import cache, partial
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+import numpy as np
 from mecazen.errors import RefusedError
 from mecazen.messages import JointState, LaserScan, Message, MessageT, Twist, finite_scan
 from rosbags.interfaces import Nodetype
@@ -25,10 +21,6 @@ from mecazen_ros.types import NO_FIELD, STORE, RosTypeError, Shape, registered
 
 HEADER = bytes((0, sys.byteorder == "little", 0, 0))
 """Header of encoded messages: the machine's byte order, and no padding at the end."""
-CODES = {
-    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I",
-    "int64": "q", "uint64": "Q", "float32": "f", "float64": "d", "bool": "?", "byte": "B",
-}  # fmt: skip
 
 
 def _finite_joints(fields: dict[str, Any]) -> dict[str, Any]:
@@ -42,8 +34,6 @@ FINITE: dict[type[Message], Callable[[dict[str, Any]], dict[str, Any]]] = {
     JointState: _finite_joints,
 }
 """Messages in which drivers of ROS send NaN or infinity, and what replaces them."""
-Add = Callable[[Any, list[Any]], str]
-"""Adds a field to the values to pack, and returns its format."""
 
 
 def encode(message: Message) -> bytes:
@@ -52,11 +42,11 @@ def encode(message: Message) -> bytes:
     Raises:
         RefusedError: A whole number does not fit into its type, or a text has no UTF-8.
     """
-    values: list[Any] = []
+    name = registered(type(message))
     try:
-        return HEADER + struct.pack(_add_message(message, values), *values)
-    except (struct.error, UnicodeEncodeError) as error:
-        raise RefusedError(f"no {message.ROS_TYPE} in CDR: {error}") from None
+        return bytes(STORE.serialize_cdr(_with_arrays(message, name), name))
+    except (SerdeError, struct.error, OverflowError, UnicodeEncodeError) as error:
+        raise RefusedError(f"no {name} in CDR: {error}") from None
 
 
 def decode(payload: bytes, kind: type[MessageT]) -> MessageT:
@@ -89,82 +79,33 @@ def _fields_of(payload: bytes, kind: type[Message]) -> dict[str, Any]:
     return fields
 
 
-def _add_message(message: Message, values: list[Any]) -> str:
-    get, steps = _plan(type(message))
-    formats = []
-    for value, step in zip(get(message), steps, strict=False):
-        if isinstance(step, str):
-            values.append(value)
-            formats.append(step)
-        else:
-            formats.append(step(value, values))
-    return "".join(formats)
+def _with_arrays(message: Message, name: str) -> Any:
+    """Return the fields of a message of a type as rosbags encodes them, with arrays of numbers."""
+    converters = _converters(name)
+    if not converters:
+        return message
+    values = {field: getattr(message, field, 0) for field in dict(STORE.fielddefs[name][1])}
+    values |= {field: convert(values[field]) for field, convert in converters.items()}
+    return SimpleNamespace(**values)
 
 
 @cache
-def _plan(kind: type[Message]) -> tuple[Callable[[Message], tuple[Any, ...]], list[Add | str]]:
-    """Return the getter of a message's fields, also of nested ones, and how to add each."""
-    paths, steps = zip(*_steps(registered(kind), ""), strict=True)
-    return attrgetter(*paths, "ROS_TYPE"), list(steps)  # with two paths `get` returns a tuple
+def _converters(name: str) -> dict[str, Callable[[Any], Any]]:
+    """Return functions for the fields of a type that rosbags takes in another form."""
+    fields = STORE.fielddefs[name][1]
+    converters = {field: int if field == NO_FIELD else _converter(shape) for field, shape in fields}
+    return {field: convert for field, convert in converters.items() if convert is not None}
 
 
-def _steps(name: str, path: str) -> Iterator[tuple[str, Add | str]]:
-    """Yield the path to each field of a type, and its format or the function that adds it."""
-    for field, (node, detail) in STORE.fielddefs[name][1]:
-        if node == Nodetype.NAME:
-            yield from _steps(detail, f"{path}{field}.")
-        elif field == NO_FIELD:
-            yield f"{path}ROS_TYPE", lambda *_: "x"
-        elif node == Nodetype.BASE:
-            yield path + field, CODES.get(detail[0], _add_text)
-        elif node == Nodetype.ARRAY:
-            yield path + field, _list_adder(*detail)
-        else:
-            yield path + field, partial(_add_counted, _list_adder(detail[0]))
-
-
-def _list_adder(item: Shape, length: int | None = None) -> Add:
-    """Return the function that adds the items of a list; an array has a fixed length."""
-    node, detail = item
+def _converter(shape: Shape) -> Callable[[Any], Any] | None:
+    node, detail = shape
     if node == Nodetype.NAME:
-        return lambda items, values: "".join([_add_message(item, values) for item in items])
-    if detail[0] == "string":
-        return _add_texts
-    if detail[0] in ("uint8", "byte"):
-        return _add_bytes
-    return partial(_add_numbers, CODES[detail[0]], length)
-
-
-def _add_counted(add: Add, items: Sequence[Any], values: list[Any]) -> str:
-    values.append(len(items))
-    return "I" + add(items, values)
-
-
-def _add_text(text: str, values: list[Any]) -> str:
-    data = text.encode()
-    values += (len(data) + 1, data)
-    return f"I{len(data) + 1}s"  # with a final zero
-
-
-def _add_texts(texts: Sequence[str], values: list[Any]) -> str:
-    data = _packed(tuple(texts))
-    values.append(data)
-    return f"0I{len(data)}s"
-
-
-@lru_cache(maxsize=256)
-def _packed(texts: tuple[str, ...]) -> bytes:
-    """Return encoded texts, each aligned to 4 bytes."""
-    values: list[Any] = []
-    return struct.pack("".join([_add_text(text, values) for text in texts]), *values)
-
-
-def _add_bytes(data: bytes, values: list[Any]) -> str:
-    values.append(data)
-    return f"{len(data)}s"
-
-
-def _add_numbers(code: str, length: int | None, numbers: Sequence[float], values: list[Any]) -> str:
-    values += numbers
-    count = len(numbers) if length is None else length
-    return f"{count}{code}" if count else ""  # a list without items is not aligned
+        return partial(_with_arrays, name=detail) if _converters(detail) else None
+    if node == Nodetype.BASE:
+        return None
+    item_node, item = detail[0]
+    if item_node == Nodetype.NAME:
+        return lambda parts: [_with_arrays(part, item) for part in parts]
+    if item[0] in ("uint8", "byte"):
+        return partial(np.frombuffer, dtype="uint8")
+    return None if item[0] == "string" else partial(np.array, dtype=item[0])
