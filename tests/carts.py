@@ -2,7 +2,7 @@
 
 from harness import Listener, load_robot
 from mecazen import keys
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import of_robot
@@ -85,7 +85,7 @@ class Rig:
         self.scenario = Scenario(
             load_robot(), services, programs or {}, seed=3, sim=sim, robots=robots
         )
-        self.bus = LocalBus()
+        self.bus = Bus()
         self.clock = Clock(Host([("physics", "")], self.bus, self.scenario, {"physics": kind}))
         self.world = self.clock.host.loop.turns[1].running
         self.samples = {

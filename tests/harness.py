@@ -17,7 +17,7 @@ import msgspec
 import pytest
 from hostile import Put
 from mecazen import keys
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import BusConfig, Scenario
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import Topic
@@ -207,12 +207,12 @@ def wait(bus: Any, condition: Callable[[], bool]) -> None:
 class Listener:
     """Keeps what is published on some topics, in the order of publishing."""
 
-    def __init__(self, bus: LocalBus, *topics: Topic[Any]) -> None:
+    def __init__(self, bus: Bus, *topics: Topic[Any]) -> None:
         self._samples: list[Sample] = []
         for topic in topics:
             self._listen(bus, topic)
 
-    def _listen(self, bus: LocalBus, topic: Topic[Any]) -> None:
+    def _listen(self, bus: Bus, topic: Topic[Any]) -> None:
         bus.subscribe(topic, lambda *sample: self._samples.append(Sample(topic.key, *sample)))
 
     def take(self) -> list[Sample]:
@@ -236,7 +236,7 @@ class Rig:
         kinds: Mapping[str, Kind] | None = None,
     ) -> None:
         self.scenario = scenario
-        self.bus = LocalBus()
+        self.bus = Bus()
         host = Host([(service, "")], self.bus, scenario, kinds)
         self.driver = Worker(host) if host.clock is None else Clock(host)
         self.samples = Listener(self.bus, *topics)

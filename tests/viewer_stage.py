@@ -8,7 +8,7 @@ import numpy as np
 from harness import load_robot
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import RobotConfig, Scenario, StartConfig
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import diagonal_covariance
@@ -49,7 +49,7 @@ class Stage:
     """
 
     def __init__(self, *, described: bool = True, robots: Sequence[str] = ()) -> None:
-        self.bus = LocalBus()
+        self.bus = Bus()
         self.names = robots or ("",)
         if described:
             for robot in self.names:

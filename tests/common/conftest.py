@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from harness import COMMAND_GUARD_S, wait
-from mecazen.bus import Bus, LocalBus, StoppedError
+from mecazen.bus import Bus, StoppedError
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.keys import Topic
@@ -101,7 +101,7 @@ def run_bus(bus: Bus) -> None:
 def pair(request):
     with ExitStack() as stack:
         if request.param == "local":
-            bus = LocalBus()
+            bus = Bus()
             stack.callback(bus.close)
             yield Pair(bus, bus)
         else:
@@ -112,7 +112,7 @@ def pair(request):
 @pytest.fixture
 def bus():
     """A bus within this process."""
-    return LocalBus()
+    return Bus()
 
 
 @pytest.fixture

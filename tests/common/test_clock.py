@@ -8,7 +8,7 @@ from carts import ALONE, STATES, Rig, x_of
 from harness import Listener, wait
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus import LocalBus, StoppedError
+from mecazen.bus import Bus, StoppedError
 from mecazen.config import RobotConfig, SimConfig, StartConfig
 from mecazen.errors import BusError, StepTimeoutError
 from mecazen.keys import call_of_robot
@@ -290,7 +290,7 @@ def test_the_clock_does_not_wait_for_a_service_that_has_gone(zenoh_pair, pace, c
     assert not caplog.records
 
 
-class LossyBus(LocalBus):
+class LossyBus(Bus):
     """Every second call ends without an answer, as a peer's may while links change."""
 
     count = 0
@@ -324,7 +324,7 @@ def test_the_clock_asks_a_live_service_again(caplog):
     ],
 )
 def test_a_service_is_ready_when_all_others_are_alive(scenario, mode, services, awaited):
-    bus, services = LocalBus(), ("controller", *services)
+    bus, services = Bus(), ("controller", *services)
     scenario = msgspec.structs.replace(scenario, services=services, sim=SimConfig(mode=mode))
     announce_readiness(bus, "controller", "", scenario)
     for name in ("stranger", *awaited):
@@ -334,7 +334,7 @@ def test_a_service_is_ready_when_all_others_are_alive(scenario, mode, services, 
 
 
 def test_a_robots_service_waits_for_those_of_all_robots(scenario):
-    bus = LocalBus()
+    bus = Bus()
     robots = (RobotConfig("one"), RobotConfig("two", start=StartConfig(y_m=2.0)))
     scenario = msgspec.structs.replace(scenario, services=("target",), robots=robots)
     announce_readiness(bus, "target", "one", scenario)

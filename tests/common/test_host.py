@@ -8,7 +8,7 @@ import pytest
 from harness import Rig, error_of
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import SimConfig
 from mecazen.errors import BusError, ConfigError, NodeError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D
@@ -265,9 +265,9 @@ def test_a_failure_leaves_no_node_open(scenario):
 
     parts = [("controller", "")]
     with pytest.raises(ZeroDivisionError):
-        Host(parts, LocalBus(), scenario, {"odometry": Open, "controller": Failing})
+        Host(parts, Bus(), scenario, {"odometry": Open, "controller": Failing})
     assert len(closed) == 1
-    host = Host(parts, LocalBus(), scenario, {"odometry": Open, "controller": Open})
+    host = Host(parts, Bus(), scenario, {"odometry": Open, "controller": Open})
     with pytest.raises(ZeroDivisionError):
         host.close()
     host.close()  # once only

@@ -62,7 +62,7 @@ def fail(*_):
 def test_an_error_is_explained_by_the_frames_outside_of_mecazen(bus):
     bus.subscribe(CLOCK, fail)
     with pytest.raises(ValueError, match="two") as caught:
-        bus.publisher(CLOCK).put(Clock(), None)  # through a frame of bus/local.py
+        bus.publisher(CLOCK).put(Clock(), None)  # through a frame of bus/base.py
     place = r"test_text.py:\d+"
     line = rf"ValueError: two lines \({place} test_an_error\w+ > {place} fail\)"
     assert re.fullmatch(line, explained(caught.value))

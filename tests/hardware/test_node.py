@@ -9,7 +9,7 @@ from hardware.stand import MOTION, RESET, ROBOT, STOP_WITHIN_S, emulated, until
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen import keys
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import HardwareConfig, Scenario, SimConfig
 from mecazen.errors import BusError, ConfigError
 from mecazen.geometry import Twist2D
@@ -42,7 +42,7 @@ class Running:
     """The services in one process; a driver ticks by the wall clock."""
 
     def __init__(self, whole):
-        self.bus = LocalBus()
+        self.bus = Bus()
         self.newest = {}
         self.odometry_speeds = []
         """Forward speed in each odometry message so far [m/s]."""

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from harness import SCENARIOS, Command, assert_one_line, load_robot, mecazen
 from mecazen import keys
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import RecorderConfig, Scenario
 from mecazen.loading import load_scenario, to_toml
 from mecazen.messages import Odometry, String, Twist
@@ -218,7 +218,7 @@ def test_the_service_records_the_services_of_its_scenario(program, tmp_path):
         programs={"follower": program()},
         recorder=config,
     )
-    bus = LocalBus()
+    bus = Bus()
     worker = Worker(Host([("follower", "")], bus, scenario))
     recorder = observe("recorder", bus, scenario)
     odom, clock = bus.publisher(keys.ODOM), bus.publisher(keys.CLOCK)

@@ -8,7 +8,7 @@ import pytest
 import tomli_w
 from harness import assert_one_line, error_of, load_robot, mecazen
 from mecazen import keys
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import RecorderConfig, RobotConfig, Scenario, StartConfig
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.keys import topic_of
@@ -41,7 +41,7 @@ def recorded(tmp_path, mine):
     def make(first=0, runs=1, robots=()):
         path = tmp_path / "run.mcap"
         scenario = Scenario(robot=load_robot(), seed=3, robots=robots, programs={"follower": mine})
-        bus = LocalBus()
+        bus = Bus()
         workers = [Worker(Host([("follower", r)], bus, scenario)) for r in scenario.names]
         config = RecorderConfig(file=OutputFile(path))
         recorder = Recorder(bus, config, lambda: to_toml(scenario), robots=scenario.names)

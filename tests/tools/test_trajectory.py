@@ -6,7 +6,7 @@ import math
 import pytest
 from harness import error_of, load_robot
 from mecazen import keys
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import FollowerConfig, RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D, Twist2D
@@ -24,7 +24,7 @@ class Run:
     """A bus with the samples of a run, and its trajectory."""
 
     def __init__(self, ticks, services=ALL, robots=(), **settings):
-        self.bus = LocalBus()
+        self.bus = Bus()
         sim = SimConfig(duration_s=0.01 * ticks)
         scenario = Scenario(load_robot(), services, seed=7, sim=sim, robots=robots, **settings)
         self.trajectory = Trajectory(self.bus, scenario)

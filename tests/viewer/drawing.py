@@ -10,7 +10,7 @@ import rerun as rr
 from harness import load_robot
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.runtime.process import observe
@@ -74,7 +74,7 @@ class Drawing:
     """A viewer that draws a run of a scenario into a file."""
 
     def __init__(self, folder: Path, scenario: Scenario | None = None) -> None:
-        self.bus = LocalBus()
+        self.bus = Bus()
         self.viewer = observe("viewer", self.bus, scenario or Scenario(robot=load_robot()))
         self.viewer.send = self._save
         self._file = folder / "run.rrd"

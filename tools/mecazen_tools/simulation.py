@@ -11,7 +11,7 @@ from os import PathLike, fspath
 from typing import Any, NamedTuple, Self
 
 from mecazen import keys
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.explain import show
@@ -108,7 +108,7 @@ class Simulation:
         self._latest: dict[str, Message | None] = {}
         self._commands: dict[Topic[Twist], Twist] = {}
         """Commands that are published before each tick."""
-        self.bus = LocalBus(loaded.renamed)
+        self.bus = Bus(loaded.renamed)
         self.trajectory = Trajectory(self.bus, self._scenario)
         for robot, topic in product(loaded.names, self._graph.topics):
             self._keep_latest(keys.of_robot(topic, robot))

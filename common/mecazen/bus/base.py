@@ -1,20 +1,26 @@
-"""The interface of a bus, and the code that both kinds share, such as refusal of invalid data."""
+"""The bus within one process, and the refusal of invalid data.
+
+A sample reaches every subscriber before `put` returns. `ZenohBus` extends the bus to other
+processes.
+"""
 
 from __future__ import annotations
 
 import logging
 import math
 import time
-from abc import ABC, abstractmethod
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterable, Mapping
+from fnmatch import fnmatchcase
+from threading import Event
 from types import SimpleNamespace
-from typing import Any, ClassVar, Protocol, TypeVar, cast
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message, MessageT
+from mecazen.robots import join_key
 from mecazen.text import printable
 from mecazen.wire import RefusedError, Stamp, decode, ignored_field
 
@@ -39,14 +45,18 @@ class StoppedError(Exception):
     """`Bus.stop` was called."""
 
 
-class Publisher(Protocol[Message_contra]):
+class Publisher(Generic[MessageT]):
     """Publishes messages on one key."""
 
-    def put(self, message: Message_contra, stamp: Stamp | None) -> None:
+    def __init__(self, handlers: Iterable[Handler[MessageT]]) -> None:
+        self._handlers = handlers
+
+    def put(self, message: MessageT, stamp: Stamp | None) -> None:
         """Publish a message with the stamp of its tick, or without one, as external programs do."""
+        deliver(self._handlers, message, stamp)
 
     def put_nothing(self, stamp: Stamp) -> None:
-        """Report that a tick has no message although one is due."""
+        """Report that a tick has no message although one is due, to other processes."""
 
 
 class Reply(Protocol[Message_contra]):
@@ -94,7 +104,7 @@ class Presence:
             report_change()
 
 
-class Bus(ABC):
+class Bus:
     """Publish, subscribe, query, answer and liveliness.
 
     The bus refuses a payload of a wrong type or size, or with an implausible number (see
@@ -102,7 +112,7 @@ class Bus(ABC):
     key, and does not deliver the payload. So the last valid value remains in use.
     """
 
-    hears_itself: ClassVar[bool]
+    hears_itself: ClassVar[bool] = True
     """Whether subscribers receive samples that are published through the same object."""
 
     def __init__(self, renamed: Mapping[str, str] | None = None) -> None:
@@ -122,16 +132,19 @@ class Bus(ABC):
         """Time of the last line about a key [s]."""
         self._servers: dict[str, Callable[[Any, Any], None]] = {}
         self._files: dict[str, bytes] = {}
+        self._listeners: defaultdict[str, list[Handler[Any]]] = defaultdict(list)
+        """Handlers of samples that are published through this object, by key."""
+        self._topics: dict[str, Topic[Any]] = {}
+        self._stopped = Event()
 
     def key_of(self, topic: Topic[Any]) -> str:
         """Return the key on which a topic's samples are published."""
         return self.renamed.get(topic.key, topic.key)
 
-    @abstractmethod
     def publisher(self, topic: Topic[MessageT]) -> Publisher[MessageT]:
         """Return a publisher for a topic."""
+        return Publisher(self._listeners[self.key_of(topic)])
 
-    @abstractmethod
     def subscribe(
         self,
         topic: Topic[MessageT],
@@ -143,30 +156,47 @@ class Bus(ABC):
     ) -> None:
         """Deliver samples of a topic to `handler`.
 
-        The newest sample replaces one that still waits, so a flood causes neither delay nor growth
-        of memory. With `every` all samples are kept. `nothing` is called for a tick that has no
-        message. `sender` names the only service whose samples are accepted.
+        Within one process each sample is delivered at once. From other processes, the newest sample
+        replaces one that still waits, so a flood causes neither delay nor growth of memory. With
+        `every` all samples are kept. `nothing` is called for a tick that has no message. `sender`
+        names the only service whose samples are accepted.
         """
+        del every, nothing, sender
+        key = self.key_of(topic)
+        self._topics.setdefault(key, topic)
+        self._listeners[key].append(handler)
 
-    @abstractmethod
+    def put_bytes(
+        self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
+    ) -> None:
+        """Publish bytes on any key, as an external program would."""
+        if key in self._topics:
+            try:
+                sample = self._decode_sample(self._topics[key], payload, encoding, attachment)
+            except RefusedError as refusal:
+                self.refuse(key, str(refusal))
+            else:
+                deliver(self._listeners[key], *sample)
+
     def serve(
         self, call: Call[RequestT, AnswerT], handler: Callable[[RequestT, Reply[AnswerT]], None]
     ) -> None:
         """Answer queries on a call's key; an empty request means its defaults."""
+        self._servers[call.key] = handler
 
     def serves(self, call: Call[Any, Any]) -> bool:
         """Return whether this process answers queries on a call's key."""
         return call.key in self._servers
 
-    @abstractmethod
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
         """Answer queries on `prefix/<path>` with a file's bytes."""
+        self._files |= {f"{prefix}/{path}": data for path, data in files.items()}
 
-    @abstractmethod
     def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
         """Return the served files that a key expression selects, by key."""
+        del timeout_s
+        return {key: data for key, data in self._files.items() if fnmatchcase(key, selector)}
 
-    @abstractmethod
     def call(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
     ) -> AnswerT:
@@ -178,12 +208,15 @@ class Bus(ABC):
         Raises:
             BusError: No server answers, or the answer is an error.
         """
+        del timeout_s
+        if not self.serves(call):
+            raise BusError(f"{call.key}: nobody answers")
+        return self._ask(call, request)
 
-    @abstractmethod
     def declare_alive(self, name: str, robot: str = "") -> None:
         """Hold a service's liveliness token until the bus is closed."""
+        self.presence.update(join_key(name, robot), alive=True)
 
-    @abstractmethod
     def spin_once(self, timeout_s: float | None = None) -> bool:
         """Deliver one sample, query or event; wait up to `timeout_s`, or without limit if None.
 
@@ -193,6 +226,10 @@ class Bus(ABC):
         Raises:
             StoppedError: `stop` was called.
         """
+        del timeout_s
+        if self._stopped.is_set():
+            raise StoppedError
+        return False
 
     def drain(self) -> None:
         """Deliver waiting items, up to `DRAINED_AT_MOST`."""
@@ -200,13 +237,14 @@ class Bus(ABC):
             if not self.spin_once(0.0):
                 return
 
-    @abstractmethod
     def stop(self) -> None:
         """Make the next `spin_once` raise StoppedError; callable from a signal handler."""
+        self._stopped.set()
 
-    @abstractmethod
     def close(self) -> None:
         """Leave the bus."""
+        for handlers in self._listeners.values():
+            handlers.clear()
 
     def refuse(self, key: str, reason: str, count: int = 1) -> None:
         """Count a payload of a key as refused, and log the refusal at most once a second."""

@@ -94,7 +94,6 @@ class ZenohBus(Bus):
         """Functions that `spin_once` calls."""
         self._handlers: dict[tuple[str, bool, str], list[Handler[Any]]] = {}
         """Handlers of each Zenoh subscriber, by key, `every` and `sender`."""
-        self._listeners: dict[str, list[Handler[Any]]] = {}
         self._publishers: dict[str, _ZenohPublisher[Any]] = {}
         self._of_bytes: dict[str, zenoh.Publisher] = {}
         self._sources: dict[str, object] = {}
@@ -117,7 +116,7 @@ class ZenohBus(Bus):
 
     def listeners(self, topic: Topic[Any]) -> list[Handler[Any]]:
         """Return the list of handlers for a topic's samples of this process; callers add to it."""
-        return self._listeners.setdefault(topic.key, [])
+        return self._listeners[topic.key]
 
     def subscribe(
         self,
@@ -295,7 +294,6 @@ class ZenohBus(Bus):
     def put_bytes(
         self, key: str, payload: bytes, encoding: str = "", attachment: bytes | None = None
     ) -> None:
-        """Publish bytes on any key."""
         if key not in self._of_bytes:  # declared, so that the router can name it
             self._of_bytes[key] = self._session.declare_publisher(
                 key, congestion_control=zenoh.CongestionControl.BLOCK
@@ -429,10 +427,10 @@ class _ZenohPublisher(Publisher[MessageT]):
     """Publishes to other processes, and through the queue to listeners in this process."""
 
     def __init__(self, publisher: zenoh.Publisher, bus: ZenohBus, topic: Topic[MessageT]) -> None:
+        super().__init__(bus.listeners(topic))
         self._publisher = publisher
         self._source = zenoh.SourceInfo(publisher.id, 0)
         self._bus, self._topic = bus, topic
-        self._listeners = bus.listeners(topic)
 
     def put(self, message: MessageT, stamp: Stamp | None) -> None:
         attachment = None if stamp is None else stamp.pack()
@@ -444,8 +442,8 @@ class _ZenohPublisher(Publisher[MessageT]):
                 self.put_nothing(stamp)
             return
         self._publisher.put(payload, attachment=attachment, source_info=self._source)
-        if self._listeners:
-            self._bus.queue.put(partial(deliver, self._listeners, message, stamp))
+        if self._handlers:
+            self._bus.queue.put(partial(deliver, self._handlers, message, stamp))
 
     def put_nothing(self, stamp: Stamp) -> None:
         self._publisher.put(b"", attachment=stamp.pack(), source_info=self._source)

@@ -11,7 +11,7 @@ from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import msgspec
-from mecazen.bus import LocalBus
+from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, is_installed
 from mecazen.graph import GRAPH, NODES, SERVICES, WORLDS
@@ -79,7 +79,7 @@ def recompute(recording: Recording, program: str, robot: str = "") -> Comparison
     recording.refuse_code()
     for run, samples in runs.items():
         scenario = recording.scenario(run)
-        bus = LocalBus(scenario.renamed)
+        bus = Bus(scenario.renamed)
         worker = _make_worker(recording, run, scenario, program, robot, bus)
         with closing(worker.host):
             compared = _recompute_run(recording, samples, worker, bus)
@@ -111,7 +111,7 @@ def _whole_runs(recording: Recording) -> dict[int, list[Sample]]:
 
 
 def _make_worker(
-    recording: Recording, run: int, scenario: Scenario, program: str, robot: str, bus: LocalBus
+    recording: Recording, run: int, scenario: Scenario, program: str, robot: str, bus: Bus
 ) -> Worker:
     """Return the nodes with their recorded configuration; raises as `recompute`."""
     service = NODES[program].part_of if program in NODES else program
@@ -144,7 +144,7 @@ def _place_of(kind: Kind) -> str:
 
 
 def _recompute_run(
-    recording: Recording, samples: Sequence[Sample], worker: Worker, bus: LocalBus
+    recording: Recording, samples: Sequence[Sample], worker: Worker, bus: Bus
 ) -> Comparison:
     """Feed a service with its inputs among the samples and compare its outputs."""
     turns = worker.host.loop.turns

@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 import rerun_bindings
 from mecazen import keys
-from mecazen.bus import Bus, LocalBus
+from mecazen.bus import Bus
 from mecazen.config import Scenario
 from mecazen.errors import BusError, ConfigError, MecazenError, RefusedError
 from mecazen.keys import Topic
@@ -232,7 +232,7 @@ def draw(recording: Any, folder: Path) -> list[Path]:
     if first is None:
         raise ConfigError(f"{recording.path}: holds no run")
     scenario = recording.scenario(first.stamp.run, "follower")  # with its distance
-    bus = LocalBus()
+    bus = Bus()
     bus.renamed = scenario.renamed
     for robot, description in recording.descriptions().items():
         serve_description(bus, robot, description)
