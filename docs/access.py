@@ -11,8 +11,7 @@ from mecazen.bus.session import OPERATOR, ROUTER_ENTRIES
 from mecazen.config import LIVELINESS
 from mecazen.graph import GRAPH, SERVICES, services
 from mecazen.row import Row
-from mecazen.runtime.pace import EVERY, RECORD
-from mecazen.runtime.readiness import READY
+from mecazen.runtime.pace import EVERY, READY, RECORD
 from mecazen_ros import protocol
 from mecazen_tools.cli.teleop import TELEOP
 

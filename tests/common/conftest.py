@@ -130,7 +130,7 @@ def wall(monkeypatch):
         wall.now += wall.step_s
         return float(wall.now)
 
-    monkeypatch.setattr("mecazen.runtime.schedule.time", SimpleNamespace(monotonic=monotonic))
+    monkeypatch.setattr("mecazen.runtime.pace.time", SimpleNamespace(monotonic=monotonic))
     return wall
 
 

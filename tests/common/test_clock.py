@@ -14,9 +14,14 @@ from mecazen.errors import BusError, StepTimeoutError
 from mecazen.keys import call_of_robot
 from mecazen.loading import to_toml
 from mecazen.messages import Clock, Empty, ResetRequest, SpeedRequest, StepRequest, Time, Twist
-from mecazen.runtime.pace import TICKS_APART, Pace, declare_every, serve_every
-from mecazen.runtime.readiness import announce_readiness
-from mecazen.runtime.schedule import Schedule
+from mecazen.runtime.pace import (
+    TICKS_APART,
+    Pace,
+    Schedule,
+    announce_readiness,
+    declare_every,
+    serve_every,
+)
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000

@@ -18,8 +18,7 @@ from mecazen.files import to_value
 from mecazen.graph import COLLECTOR
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.robots import join_key
-from mecazen.runtime.pace import declare_every
-from mecazen.runtime.readiness import announce_readiness
+from mecazen.runtime.pace import announce_readiness, declare_every
 from mecazen.wire import NS_PER_S
 
 from mecazen_tools.processes import Supervisor, private_router

@@ -31,8 +31,7 @@ from mecazen.programs import classes
 from mecazen.robots import join_key
 from mecazen.runtime.host import LONGER_S, Host
 from mecazen.runtime.live import LiveParameters, refuse_unsuitable
-from mecazen.runtime.pace import Pace
-from mecazen.runtime.schedule import Schedule
+from mecazen.runtime.pace import Pace, Schedule
 from mecazen.wire import NS_PER_S, Stamp
 
 logger = logging.getLogger(__name__)

@@ -25,7 +25,7 @@ from mecazen.robots import join_key
 from mecazen.runtime.clock import Clock
 from mecazen.runtime.host import Host, part_of
 from mecazen.runtime.observer import Observer
-from mecazen.runtime.readiness import announce_readiness
+from mecazen.runtime.pace import announce_readiness
 from mecazen.runtime.worker import Worker
 from mecazen.wire import NS_PER_S
 

@@ -24,9 +24,8 @@ from mecazen.messages import Empty, Message
 from mecazen.programs import graph_of
 from mecazen.robots import split_key
 from mecazen.runtime.observer import Observer
-from mecazen.runtime.pace import RECORD, declare_every
+from mecazen.runtime.pace import READY, RECORD, declare_every
 from mecazen.runtime.process import stop_on_signals
-from mecazen.runtime.readiness import READY
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 from mecazen_ros.topics import TF
 
