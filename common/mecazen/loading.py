@@ -12,9 +12,8 @@ import msgspec
 import msgspec.inspect as mi
 import tomli_w
 
-from mecazen.config import BusConfig, Scenario, WorldConfig, with_guard
+from mecazen.config import BusConfig, Scenario, WorldConfig
 from mecazen.config.scenario import scenario_with
-from mecazen.config.sensors import features
 from mecazen.errors import ConfigError, UntrustedError
 from mecazen.explain import explain, show, suggestion
 from mecazen.files import parse_toml, parse_value, plain, read_toml
@@ -164,7 +163,6 @@ def from_tables(
     robots = _tables(raw.get("robots"))
     for name in unreadable:
         _drop_unreadable(name, (raw, *robots))
-    _take_sensors(raw)
     for table in (raw, *robots):
         for part in _PARTS:
             _read_part(part, table, path, settings, opens_files=opens_files)
@@ -314,38 +312,6 @@ def _drop_unreadable(name: str, tables: Iterable[dict[str, Any]]) -> None:
             convert(table.get(name, {}), _SECTIONS.get(name, Section), "")
         except ConfigError:
             del table[name]
-
-
-def _take_sensors(raw: dict[str, Any]) -> None:
-    """Add the services that the sensors need, and the crowd if it is needed.
-
-    The crowd is needed if other people walk, or if several robots see each other and all persons.
-    Wrong types are refused when the tables are converted.
-    """
-    sensor, listed = raw.get("sensor", {}), raw.get("services", _SERVICES)
-    if not isinstance(sensor, dict) or not isinstance(listed, list | tuple):
-        return
-    also = sensor.get("also", ())
-    wanted = features(str(sensor.get("kind")), [*map(str, also)] if isinstance(also, list) else [])
-    guard = raw.get("guard")
-    enabled = not isinstance(guard, dict) or guard.get("enabled") is not False
-    wanted = with_guard(wanted, enabled=enabled)
-    needed = []
-    # a real robot has sensors of its own
-    if wanted & {"lidar", "tracker", "depth"} and "hardware" not in listed:
-        needed.append("sensors")
-    if wanted & {"body", "legs"}:
-        needed.append("follower")
-    if "guard" in wanted:
-        needed.append("guard")
-    crowd, world = raw.get("crowd"), raw.get("world")
-    walks = isinstance(crowd, dict) and (crowd.get("walkers") or crowd.get("reactive"))
-    added = world.get("added") if isinstance(world, dict) else None
-    if isinstance(added, dict):
-        walks = walks or any(thing.get("kind") == "person" for thing in _tables([*added.values()]))
-    if walks or ("skeleton" in wanted and len(_tables(raw.get("robots"))) > 1):
-        needed.append("crowd")
-    raw["services"] = [*listed, *(name for name in needed if name not in listed)]
 
 
 def _tables(value: Any) -> list[dict[str, Any]]:

@@ -14,7 +14,6 @@ from mecazen.config.scenario import Process as Process
 from mecazen.config.scenario import RobotConfig as RobotConfig
 from mecazen.config.scenario import Scenario as Scenario
 from mecazen.config.scenario import StartConfig as StartConfig
-from mecazen.config.scenario import with_guard as with_guard
 from mecazen.config.sensors import SensorConfig as SensorConfig
 from mecazen.config.sensors import SensorFaults as SensorFaults
 from mecazen.config.sensors import SensorsConfig as SensorsConfig

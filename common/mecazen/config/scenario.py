@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cache
 from itertools import combinations, product
 from typing import Annotated, Any, NamedTuple, cast
@@ -141,6 +141,8 @@ class Scenario(Section):
     """The other robots in the same world, by name."""
 
     def __post_init__(self) -> None:
+        needed = (name for name in self._needed_services() if name not in self.services)
+        msgspec.structs.force_setattr(self, "services", (*self.services, *needed))
         if abs(self.sim.tick_s * 1e9 - self.sim.tick_ns) > 1e-3:
             raise ValueError(f"sim.tick_s = {self.sim.tick_s} must be whole nanoseconds")
         if self.sim.ticks < 1:
@@ -169,6 +171,24 @@ class Scenario(Section):
             if overlap(a.start.pose, a.robot.footprint, b.start.pose, b.robot.footprint):
                 raise ValueError(f"robots: {name} and {neighbour} overlap at their starts")
 
+    def _needed_services(self) -> Iterator[str]:
+        """Yield the services that the sensors need, and the crowd if it is needed.
+
+        The crowd is needed if other people walk, or if several robots see each other and all
+        persons.
+        """
+        features = self.features
+        # a real robot has sensors of its own
+        if features & {"lidar", "tracker", "depth"} and "hardware" not in self.services:
+            yield "sensors"
+        if features & {"body", "legs"}:
+            yield "follower"
+        if "guard" in features:
+            yield "guard"
+        several_see = "skeleton" in features and len(self.robots) > 1
+        if self.crowd.walkers or self.crowd.reactive or self.world.passersby or several_see:
+            yield "crowd"
+
     def _check_mounts(self, robots: Iterable[Robot]) -> None:
         mounts = {"lidar": {"lidar"}, "camera": {"tracker", "depth"}}
         needed = [mount for mount, sensors in mounts.items() if sensors & self.sensor.features]
@@ -195,7 +215,9 @@ class Scenario(Section):
     @property
     def features(self) -> frozenset[str]:
         """The features by which nodes take part and choose their topics; see `graph.rows`."""
-        features = set(with_guard(self.sensor.features, enabled=self.guard.enabled))
+        features = set(self.sensor.features)
+        if self.guard.enabled and "lidar" in features:
+            features.add("guard")
         parts = [self.of(name) for name in self.names]
         if "hardware" in self.services:
             features.add("hardware")
@@ -331,11 +353,6 @@ class Scenario(Section):
         """Return the section of a user node by its type; the type's defaults if there is none."""
         values = (getattr(self, name) for name in self.__struct_fields__)
         return next((value for value in values if isinstance(value, kind)), None) or kind()
-
-
-def with_guard(sensed: frozenset[str], *, enabled: bool) -> frozenset[str]:
-    """Return features of the graph, with the guard if it is enabled and there is a lidar."""
-    return sensed | {"guard"} if enabled and "lidar" in sensed else sensed
 
 
 @cache

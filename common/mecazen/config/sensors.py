@@ -6,7 +6,7 @@ The robot file has the devices' mounting: `camera` carries the body tracker and 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -98,7 +98,8 @@ class SensorConfig(Section):
     @property
     def features(self) -> frozenset[str]:
         """The features of the graph that these sensors need."""
-        return features(self.kind, self.also)
+        beside = ("skeleton",) if set(self.also) - set(_BLIND) else ()
+        return frozenset((*_FEATURES[self.kind], *beside, *self.also))
 
     def ticks_per_frame(self, tick_s: float) -> int:
         """Return the ticks from one frame to the next.
@@ -107,13 +108,6 @@ class SensorConfig(Section):
             ConfigError: The rate does not divide the tick rate.
         """
         return ticks_per_sample("sensor.rate_hz", self.rate_hz, tick_s)
-
-
-def features(kind: str, also: Iterable[str]) -> frozenset[str]:
-    """Return the features of the graph that sensors need; none for an unknown kind."""
-    also = tuple(also)
-    beside = ("skeleton",) if set(also) - set(_BLIND) else ()
-    return frozenset((*_FEATURES.get(kind, ()), *beside, *also))
 
 
 Occlusions = tuple[tuple[NonNegative, NonNegative], ...]
