@@ -179,7 +179,6 @@ def _physics(features: Set[str]) -> Row:
 
 
 def _robot() -> tuple[Row, ...]:
-    """Return the nodes of a real robot, which take the place of physics."""
     return (
         Row(
             "hardware",
@@ -256,7 +255,6 @@ def _perception(
 
 
 def _observers() -> tuple[Row, ...]:
-    """Return the nodes that no other node waits for."""
     return (
         Row(
             "viewer",

@@ -55,7 +55,6 @@ def _twist(path: str, fastest: float = FASTEST) -> tuple[Limit, ...]:
 
 
 def _each(path: str, limit: Limit) -> Limit:
-    """Return the limit of a message whose parts at `path` all have that limit."""
     parts = attrgetter(path)
     return limit._replace(
         numbers=lambda message: [n for part in parts(message) for n in limit.numbers(part)]

@@ -213,7 +213,6 @@ def _with_paths(node: mi.Type, value: Any, folder: Path) -> Any:
 
 
 def _is_path(kind: mi.Type, value: str) -> bool:
-    """Return whether a string is a path, or a program that begins with one."""
     is_program = isinstance(kind, mi.StrType) and kind.pattern == PROGRAM
     return isinstance(kind, mi.CustomType) or (is_program and ".py:" in value)
 
@@ -440,7 +439,6 @@ def override(raw: dict[str, Any], node: mi.Type, key: str, value: Any) -> None:
 
 
 def _below(node: mi.Type, table: Any, key: str) -> mi.Type:
-    """Return the type of a key of a table, or of a robot by its name."""
     node = choose(node, table)
     if isinstance(node, mi.VarTupleType):
         return node.item_type

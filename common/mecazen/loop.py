@@ -422,7 +422,6 @@ class Loop:
                 self._step(turn, turn.last, stamp)
 
     def _step(self, turn: Turn, k: int, stamp: Stamp) -> None:
-        """Make the step of a node and publish its outputs."""
         samples: dict[Topic[Any], Message] = {}
         due_ns: dict[Topic[Any], int] = {}
         for slot in turn.slots:
@@ -451,7 +450,6 @@ class Loop:
         self._publish(turn, k, stamp, outputs)
 
     def _publish(self, turn: Turn, k: int, stamp: Stamp, outputs: Outputs) -> None:
-        """Hand outputs to the slots in this process and publish them to other processes."""
         for topic, message in outputs.items():
             for slot in turn.outputs[topic].slots:
                 slot.hand_over(message, k)

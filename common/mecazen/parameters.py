@@ -189,7 +189,6 @@ def refuse_names(scenario: Scenario, things: Mapping[str, Any]) -> None:
 
 
 def _is_setting(scenario: Scenario, key: str) -> bool:
-    """Return whether the configuration has a key."""
     value: Any = scenario
     for name in key.split("."):
         value = getattr(value, name, None) if isinstance(value, Section) else None

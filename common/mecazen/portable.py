@@ -70,7 +70,6 @@ def legendre(number: int) -> tuple[Floats, Floats]:
 
 
 def _each(function: Callable[..., float], arguments: int) -> Callable[..., Floats]:
-    """Return a function of `math` for arrays, element by element."""
     of_objects = np.frompyfunc(function, arguments, 1)
     return lambda *values: np.asarray(of_objects(*values), float)
 

@@ -190,7 +190,6 @@ def _with_commands(row: Row, by_hand: Iterable[Topic[Any]]) -> Row:
 
 
 def _row(row: Row, scenario: Scenario, kinds: Mapping[str, Kind]) -> Row:
-    """Return a node's row, or that of the user class in its place."""
     kind = kinds.get(row.name)
     if kind is None and row.name in scenario.programs:
         with suppress(ConfigError):  # the class may be needed in another process only
@@ -244,7 +243,6 @@ def _refuse_waits(graph: Graph, scenario: Scenario) -> None:
 
 
 def _refuse_bypass(graph: Graph) -> None:
-    """Refuse a row that commands the wheels without the guard."""
     for row in graph.rows if graph.giver(GUARD_CMD_VEL.key) else ():
         if CMD_VEL in [i.topic for i in row.inputs] and JOINT_COMMAND in row.outputs:
             raise ConfigError(
@@ -279,7 +277,6 @@ def _refuse_taken_keys(scenario: Scenario, graph: Graph) -> None:
 
 
 def _check_user_row(row: Row, program: str) -> None:
-    """Refuse the row of a user node that can't work."""
     entries: list[Topic[Any] | Call[Any, Any]] = [*TOPICS, *CALLS]
     known = {entry.key: entry for entry in entries}
     entries = [*(i.topic for i in row.inputs), *row.outputs, *row.calls]

@@ -175,7 +175,6 @@ class RosNode:
             self._ros.kept.append(publisher)
 
     def _publish(self, row: Row, topic: Topic[Any], robot: str, namespace: str) -> None:
-        """Publish an output of a row in ROS while it has subscribers there."""
         listeners = self._bus.listeners(of_robot(topic, robot))
         name = topics.name_of(row, topic, self._key_of(topic, robot))
         odom_tf = self._ros.config.ros_odom_tf
@@ -197,7 +196,6 @@ class RosNode:
     def _subscribe(
         self, topic: Topic[Any], robot: str, ros_topic: RosTopic, namespace: str
     ) -> None:
-        """Publish samples from ROS on the plain key, without a stamp."""
         name = full_name(ros_topic.name, namespace)
         ros_type = registered(ros_topic.kind)
         key, source = self._ros.key(name, ros_type), join_key(f"ros2/{ros_topic.name}", robot)

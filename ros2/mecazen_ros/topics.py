@@ -160,7 +160,6 @@ CONVERSIONS: Mapping[type[Message], Callable[[Any], Any]] = {
 
 
 def _diagnostics(array: m.DiagnosticArray, prefix: str) -> m.DiagnosticArray:
-    """Return diagnostics whose names begin with the robot's namespace."""
     status = [msgspec.structs.replace(part, name=prefix + part.name) for part in array.status]
     return msgspec.structs.replace(array, status=tuple(status))
 

@@ -274,7 +274,6 @@ class Bus:
         return request
 
     def _note_ignored(self, key: str, payload: bytes, encoding: str, message: Message) -> None:
-        """Note an unknown field of a payload, and log it at most once a second."""
         line = ignored_field(payload, encoding, message)
         if line is not None:
             self.ignored[key] = line
@@ -297,7 +296,6 @@ class Bus:
     def _ask(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = math.inf
     ) -> AnswerT:
-        """Query the server in this process."""
         answers: list[Any] = []
         reply: Any = SimpleNamespace(
             answer=answers.append,

@@ -151,7 +151,6 @@ def session_config(
 def _filters(
     config: BusConfig, most_hz: float | None, robots: Sequence[str], renamed: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return a router's settings that drop oversized samples and samples beyond a rate."""
     topics = {join_key(topic.key, robot): topic for robot in robots for topic in TOPICS}
     moved = [replace(topics[name], key=key) for name, key in renamed.items()]
     at_entry = {"flows": ["ingress"], "messages": ["put"]}
@@ -193,7 +192,6 @@ def _expressions(
 
 
 def _certificates(folder: Path, name: str) -> dict[str, Any]:
-    """Return Zenoh's settings for mutual TLS, with which both ends of a link show certificates."""
     authority, certificate, key = (
         folder / file for file in (f"{AUTHORITY}.crt", f"{name}.crt", f"{name}.key")
     )

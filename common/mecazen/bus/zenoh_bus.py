@@ -424,8 +424,6 @@ class ZenohBus(Bus):
 
 
 class _ZenohPublisher(Publisher[MessageT]):
-    """Publishes to other processes, and through the queue to listeners in this process."""
-
     def __init__(self, publisher: zenoh.Publisher, bus: ZenohBus, topic: Topic[MessageT]) -> None:
         super().__init__(bus.listeners(topic))
         self._publisher = publisher
@@ -503,7 +501,6 @@ def bytes_of(sent: Sent) -> int:
 
 
 def _content(sample: zenoh.Sample) -> tuple[bytes, str, bytes | None]:
-    """Return payload, encoding and attachment of a sample."""
     attachment = None if sample.attachment is None else sample.attachment.to_bytes()
     return sample.payload.to_bytes(), str(sample.encoding), attachment
 

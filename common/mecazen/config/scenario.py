@@ -319,7 +319,6 @@ class Scenario(Section):
         return ticks_per_sample(key, rate_hz, self.sim.tick_s)
 
     def _setting(self, key: str) -> float | None:
-        """Return the number at `section.key`."""
         value: object = self
         for name in key.split("."):
             value = getattr(value, name, "none")

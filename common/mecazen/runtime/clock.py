@@ -179,7 +179,6 @@ class Clock:
 
     @property
     def _unanswered(self) -> list[Slot]:
-        """The world's inputs that lack an answer to this tick."""
         return [slot for slot in self.answers if slot.is_missing]
 
     def _await_all(self) -> None:
@@ -210,7 +209,6 @@ class Clock:
         return False
 
     def _gone(self, slots: list[Slot]) -> list[str]:
-        """Return the services of slots that are not alive."""
         names = self.host.givers(slots)
         return [name for name in names if name not in self.host.bus.presence.names]
 
@@ -230,7 +228,6 @@ class Clock:
             raise self.host.silence_of(gone or self.host.givers(silent))
 
     def _deliver(self, timeout_s: float | None) -> bool:
-        """Deliver one sample, query or event, and apply a command at once."""
         has_come = self.host.bus.spin_once(timeout_s)
         self.host.revise()
         return has_come
@@ -273,14 +270,12 @@ class Clock:
         }
 
     def _on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
-        """Pause simulated time at this tick."""
         del request
         self._end_stepping("paused meanwhile")
         self.paused = True
         reply.answer(self.sim_state())
 
     def _on_resume(self, request: Empty, reply: Reply[SimState]) -> None:
-        """Resume simulated time."""
         del request
         self._end_stepping("resumed meanwhile")
         self.paused = False
@@ -306,7 +301,6 @@ class Clock:
             self.asked_reset = request, reply
 
     def _on_speed(self, request: SpeedRequest, reply: Reply[SimState]) -> None:
-        """Continue at another speed."""
         if self.lockstep:
             reply.refuse("lockstep goes as fast as it can: there is no speed to set")
             return
@@ -318,7 +312,6 @@ class Clock:
         reply.answer(self.sim_state())
 
     def _on_get(self, request: ParameterNames, reply: Reply[ParameterDescriptors]) -> None:
-        """Answer with the live parameters and their values."""
         live = parameters(self.live.requested)
         names = request.names or tuple(live)
         try:

@@ -79,7 +79,6 @@ class Health:
         self._publisher.put(DiagnosticArray(header=header, status=(status,)), stamp)
 
     def _rates(self, stamp: Stamp) -> dict[str, Any]:
-        """Return each input's rate since the last report, and the age of its newest sample."""
         last, self._reported = self._reported, stamp
         values: dict[str, Any] = {}
         for key, received in self._inputs.items():

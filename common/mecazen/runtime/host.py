@@ -316,7 +316,6 @@ class Host:
         self.bus.refuse(slot.on_bus.key, f"not from {publisher}, which alone publishes it")
 
     def _arrive(self, slots: Sequence[Slot], message: Message, stamp: Stamp | None) -> None:
-        """Process a sample of another process."""
         if stamp is not None:
             self._of_run(slots, message, stamp)
             return

@@ -133,7 +133,6 @@ def announce_readiness(bus: Bus, service: str, robot: str, scenario: Scenario) -
 
 
 def _tokens(scenario: Scenario) -> set[str]:
-    """Return the names of the liveliness tokens that count in a scenario."""
     parts = {join_key(*part) for part in scenario.parts} | {*OBSERVERS, RECORD}
     return parts | {f"{part}/{state}" for part in parts for state in (READY, EVERY)}
 
