@@ -73,8 +73,6 @@ def test_a_wrong_row_in_a_graph_is_one_line(scenario, line, more):
 @pytest.mark.parametrize(
     ("make", "line"),
     [
-        (lambda: every("odom"), r"every\('odom'\): needs a topic, such as mecazen.keys"),
-        (lambda: Row("a", inputs=[every(ODOM)]), "row a: inputs must be a tuple, each Input"),
         (lambda: Row("a", outputs=(ODOM, ODOM)), "row a: outputs: each topic at most once"),
         (lambda: Row("a", rates={"odom": 1.0}), "row a: rates: 'odom' is no key of its outputs"),
         (lambda: Row("a", outputs=(ODOM,), rates={"odom": 0.0}), "row a: rates: odom must be pos"),
