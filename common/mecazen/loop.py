@@ -10,8 +10,9 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
-from typing import Any, NamedTuple
+from typing import Any
 
 from mecazen.config import Scenario
 from mecazen.errors import ConfigError, NodeError, RefusedError, explaining
@@ -123,15 +124,20 @@ class Slot:
                 self.message, self.is_fresh, self.due = message, True, tick + self.lag
 
 
-class Output(NamedTuple):
+@dataclass
+class Output:
     """An output of a turn."""
 
     on_bus: Topic[Any]
     """The topic with its full key."""
     period: int
     """Number of ticks from one sample to the next."""
-    slots: list[Slot]
+    slots: Sequence[Slot] = ()
     """The inputs in this process that take it."""
+    put: Callable[[Message, Stamp], None] = lambda *_: None
+    """Publishes a sample to other processes and programs."""
+    put_nothing: Callable[[Stamp], None] | None = None
+    """Publishes the absence of a sample, if other processes wait for it."""
 
 
 class Turn:
@@ -165,8 +171,7 @@ class Turn:
         for topic in row.outputs:
             clocks = ("",) if topic is CLOCK else ()  # also outside the robots' namespaces
             for name in dict.fromkeys((*clocks, *names)):
-                output = Output(of_robot(topic, name), period(topic), [])
-                self.outputs[known(topic, name)] = output
+                self.outputs[known(topic, name)] = Output(of_robot(topic, name), period(topic))
         triggers = [slot.period for slot in self.slots if slot.rule == "every"]
         self.period = 1 if row.owns_time else math.lcm(*triggers) if triggers else 0
         """Number of ticks from one step to the next; 0: the node makes no steps."""
@@ -177,11 +182,6 @@ class Turn:
         self.is_checked = self.is_user or row.checks_outputs
         self.remote: tuple[Slot, ...] = ()
         """The slots that other processes fill."""
-        self.puts: dict[Topic[Any], Callable[[Message, Stamp], None]] = {}
-        """Functions that publish an output to other processes and programs."""
-        self.promises: list[tuple[Topic[Any], int, Callable[[Stamp], None]]] = []
-        """Outputs that other processes wait for, each with the ticks between samples and a function
-        that publishes the absence of a message."""
         self._is_open = False
         """Whether the node has begun a run and is not closed."""
         self.missed = 0
@@ -451,9 +451,10 @@ class Loop:
 
     def _publish(self, turn: Turn, k: int, stamp: Stamp, outputs: Outputs) -> None:
         for topic, message in outputs.items():
-            for slot in turn.outputs[topic].slots:
+            output = turn.outputs[topic]
+            for slot in output.slots:
                 slot.hand_over(message, k)
-            turn.puts[topic](message, stamp)
-        for topic, period, put_nothing in turn.promises:
-            if k % period == 0 and topic not in outputs:
-                put_nothing(stamp)
+            output.put(message, stamp)
+        for topic, output in turn.outputs.items():
+            if output.put_nothing and k % output.period == 0 and topic not in outputs:
+                output.put_nothing(stamp)

@@ -258,13 +258,13 @@ class Host:
             if slot.rule != "latest"
         }
         for turn in turns:
-            for topic, output in turn.outputs.items():
+            for output in turn.outputs.values():
                 key, publisher = output.on_bus.key, self.bus.publisher(output.on_bus)
                 slots = self._slots_of.get(key, ())
-                output.slots.extend(slot for slot in slots if not slot.topic.by_hand)
-                turn.puts[topic] = publisher.put
+                output.slots = [slot for slot in slots if not slot.topic.by_hand]
+                output.put = publisher.put
                 if self.lockstep and key in awaited:
-                    turn.promises.append((topic, output.period, publisher.put_nothing))
+                    output.put_nothing = publisher.put_nothing
         return Loop(turns, self.tick_ns, lambda topic, why: self.bus.refuse(topic.key, why))
 
     def _service(self, name: str, robot: str) -> Service:
