@@ -38,8 +38,6 @@ SCENARIO_VARIABLE, SETTINGS_VARIABLE = "MECAZEN_SCENARIO", "MECAZEN_SET"
 scenario and no overrides are given."""
 _SECTIONS: dict[str, Any] = {field.name: field.type for field in msgspec.structs.fields(Scenario)}
 """The types of a scenario's fields."""
-_SERVICES: tuple[str, ...] = Scenario.__struct_defaults__[0]
-"""The services of a scenario that lists none."""
 _PARTS: dict[str, type[Section]] = {"robot": Robot, "world": WorldConfig}
 """Sections that may come from a file."""
 _NAME = r"[\w-]+"
@@ -148,7 +146,7 @@ def from_tables(
             raise ConfigError(f"{path}: unknown key '{name}'")
     settings, folder = in_toml(settings), path.parent.resolve()
     # programs come first, since their sections are part of the scenario's type
-    first = [key for key in settings if key.partition(".")[0] in ("programs", "services")]
+    first = [key for key in settings if key.partition(".")[0] == "programs"]
     raw = _with_paths(mi.type_info(Scenario), raw, folder)
     for key in first:
         override(raw, mi.type_info(Scenario), key, settings[key])
@@ -255,7 +253,7 @@ def _take_map(world: dict[str, Any]) -> None:
 
 
 def _take_programs(raw: dict[str, Any], path: Path) -> tuple[dict[str, type[Section]], list[str]]:
-    """Add user nodes to the services.
+    """Check the names of user programs.
 
     Return the types of the sections that user programs define, by node name, and the names of the
     nodes whose program can't be imported here.
@@ -273,10 +271,6 @@ def _take_programs(raw: dict[str, Any], path: Path) -> tuple[dict[str, type[Sect
                 f"{path}: programs: {name!r} can't be a node's name; a name of its own, of "
                 "letters, digits, _ and -, can"
             )
-    listed = raw.get("services", _SERVICES)
-    if isinstance(listed, list | tuple):
-        nodes = [name for name in table if name not in NODES and name not in listed]
-        raw["services"] = [*listed, *nodes]
     sections: dict[str, type[Section]] = {}
     unreadable = []
     programs = {name: program for name, program in table.items() if isinstance(program, str)}

@@ -172,11 +172,15 @@ class Scenario(Section):
                 raise ValueError(f"robots: {name} and {neighbour} overlap at their starts")
 
     def _needed_services(self) -> Iterator[str]:
-        """Yield the services that the sensors need, and the crowd if it is needed.
+        """Yield user nodes, the services that the sensors need, and the crowd if it is needed.
 
         The crowd is needed if other people walk, or if several robots see each other and all
         persons.
         """
+        if self.programs:
+            from mecazen.graph import NODES  # noqa: PLC0415  # loading is light without programs
+
+            yield from (name for name in self.programs if name not in NODES)
         features = self.features
         # a real robot has sensors of its own
         if features & {"lidar", "tracker", "depth"} and "hardware" not in self.services:
