@@ -55,7 +55,7 @@ class Clock:
         if host.clock is None:
             raise ConfigError("services: nothing to simulate without physics")
         self.host = host
-        service = host.service_of(host.clock)
+        service = next(service for service in host.services if host.clock in service.turns)
         self.answers = [slot for turn in service.turns for slot in turn.slots if slot.lag]
         """The inputs with which the world answers a tick in the next one."""
         self.scenario: Scenario = host.scenario

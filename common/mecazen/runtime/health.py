@@ -37,7 +37,7 @@ class Health:
         inputs: Mapping[str, Received | Slot],
     ) -> None:
         self._name = name
-        self._bus = bus
+        self.bus = bus
         self._scenario = scenario
         self._inputs = inputs
         self._tick_ns = scenario.sim.tick_ns
@@ -51,12 +51,12 @@ class Health:
 
     def publish(self, stamp: Stamp, values: Mapping[str, object]) -> None:
         """Publish values and the state of the inputs at a tick."""
-        refused, ignored = self._bus.refused, self._bus.ignored
+        refused, ignored = self.bus.refused, self.bus.ignored
         values = {**values, **self._rates(stamp), "refused_payloads": refused.total()}
         values |= {f"refused/{key}": count for key, count in refused.items()}
         values |= {f"ignored/{key}": field for key, field in ignored.items()}
-        values |= {f"lost/{key}": count for key, count in self._bus.lost.items()}
-        returns = self._bus.presence.returns
+        values |= {f"lost/{key}": count for key, count in self.bus.lost.items()}
+        returns = self.bus.presence.returns
         values |= {
             f"restarts/{part}": returns[part]
             for robot in dict.fromkeys(("", *self._scenario.names))

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from mecazen import keys
 from mecazen.bus import Bus, Reply
@@ -60,15 +60,22 @@ class ClockNode(Node):
         return {keys.of_robot(keys.CLOCK, name): time for name in ("", *self.scenario.names)}
 
 
-class Service(NamedTuple):
+class Service(Health):
     """A service of a process: its turns and its health."""
 
-    name: str
-    robot: str
-    turns: list[Turn]
-    health: Health
-    reports: list[Callable[[], Mapping[str, object]]]
-    """Functions that return further values for its diagnostics."""
+    def __init__(
+        self, name: str, robot: str, turns: Sequence[Turn], bus: Bus, scenario: Scenario
+    ) -> None:
+        self.name, self.turns = name, turns
+        self.reports: list[Callable[[], Mapping[str, object]]] = [self._publishers]
+        """Functions that return further values for its diagnostics."""
+        inputs = {
+            slot.on_bus.name if robot else slot.on_bus.key: slot
+            for turn in turns
+            for slot in turn.slots
+            if not slot.topic.by_hand
+        }
+        super().__init__(name, robot, bus, scenario, inputs)
 
     def diagnostics(self) -> dict[str, object]:
         """Return the nodes' diagnostics, and counts of late samples and missed ticks."""
@@ -81,6 +88,13 @@ class Service(NamedTuple):
                     values[f"late/{slot.topic.name}"] = slot.late
         values["missed_ticks"] = max(turn.missed for turn in self.turns)
         return values
+
+    def _publishers(self) -> dict[str, str]:
+        """Return the programs that have published on open keys since the last report, by key."""
+        slots = (slot for turn in self.turns for slot in turn.slots if slot.topic.open)
+        opened = {self.bus.key_of(slot.on_bus) for slot in slots}
+        senders = {key: self.bus.senders.pop(key, ()) for key in opened}
+        return {f"{PUBLISHERS}{key}": " ".join(sorted(ids)) for key, ids in senders.items() if ids}
 
 
 class Host:
@@ -124,7 +138,12 @@ class Host:
         self.turns = turns_of(scenario, self.graph)
         self.loop = self._make_loop({**kinds, "clock": ClockNode})
         self.clock = next((turn for turn in self.loop.turns if turn.row.owns_time), None)
-        self.services = [self._service(*part) for part in parts]
+        self.services = [
+            Service(
+                *part, [t for t in self.loop.turns if t.service == join_key(*part)], bus, scenario
+            )
+            for part in parts
+        ]
         self.stamp = Stamp(0, 0, scenario.seed)
         self.next_run: Stamp | None = None
         self.has_news = False
@@ -154,7 +173,7 @@ class Host:
         for turn in self.loop.turns:
             turn.reset(stamp.seed)
         for service in self.services:
-            service.health.reset()
+            service.reset()
         early = [sample for sample in self._early if sample[2].run == stamp.run]
         self._early.clear()
         for slots, message, sent in early:
@@ -198,7 +217,7 @@ class Host:
         if second != self._reported_s:
             self._reported_s = second
             for service in self.services:
-                service.health.publish(self.stamp, service.diagnostics())
+                service.publish(self.stamp, service.diagnostics())
 
     def is_awaited(self) -> bool:
         """Return whether the world waits for a service of this process, directly or not."""
@@ -224,10 +243,6 @@ class Host:
             f"{', '.join(services)} did not answer tick {time_ns // self.tick_ns} "
             f"(t = {time_ns / NS_PER_S} s)"
         )
-
-    def service_of(self, turn: Turn) -> Service:
-        """Return the service that a turn belongs to."""
-        return next(service for service in self.services if turn in service.turns)
 
     def close(self) -> None:
         """Close all nodes, also if one fails; then raise its error."""
@@ -266,24 +281,6 @@ class Host:
                 if self.lockstep and key in awaited:
                     output.put_nothing = publisher.put_nothing
         return Loop(turns, self.tick_ns, lambda topic, why: self.bus.refuse(topic.key, why))
-
-    def _service(self, name: str, robot: str) -> Service:
-        turns = [turn for turn in self.loop.turns if turn.service == join_key(name, robot)]
-        inputs = {
-            slot.on_bus.name if robot else slot.on_bus.key: slot
-            for turn in turns
-            for slot in turn.slots
-            if not slot.topic.by_hand
-        }
-        health = Health(name, robot, self.bus, self.scenario, inputs)
-        return Service(name, robot, turns, health, [partial(self._publishers, turns)])
-
-    def _publishers(self, turns: Iterable[Turn]) -> dict[str, str]:
-        """Return the programs that have published on open keys since the last report, by key."""
-        slots = (slot for turn in turns for slot in turn.slots if slot.topic.open)
-        opened = {self.bus.key_of(slot.on_bus) for slot in slots}
-        senders = {key: self.bus.senders.pop(key, ()) for key in opened}
-        return {f"{PUBLISHERS}{key}": " ".join(sorted(ids)) for key, ids in senders.items() if ids}
 
     def _subscribe(self) -> None:
         """Subscribe to the inputs that other processes publish.
