@@ -278,7 +278,10 @@ class Turn:
             NodeError: There is such an output.
         """
         name = self.row.name
-        for topic, message in mapping_of(name, outputs).items():
+        if not isinstance(outputs, Mapping):
+            kind = type(outputs).__name__
+            raise NodeError(f"{name}: step must return a mapping of topics to messages, got {kind}")
+        for topic, message in outputs.items():
             if not isinstance(topic, Topic):
                 raise NodeError(f"{name}: step returns {topic!r:.80}, which is no topic")
             if type(message) is not topic.type:
@@ -293,18 +296,6 @@ class Turn:
                 raise NodeError(
                     f"{name} gives {topic.key} of {size} bytes, at most {topic.max_bytes}"
                 )
-
-
-def mapping_of(name: str, outputs: object) -> Outputs:
-    """Return the outputs of a user node's step.
-
-    Raises:
-        NodeError: They are no mapping.
-    """
-    if not isinstance(outputs, Mapping):
-        kind = type(outputs).__name__
-        raise NodeError(f"{name}: step must return a mapping of topics to messages, got {kind}")
-    return outputs
 
 
 def turns_of(scenario: Scenario, graph: Graph) -> tuple[Turn, ...]:

@@ -97,19 +97,14 @@ def _import(place: str) -> ModuleType:
         raise ConfigError(f"{place}: can't be imported: {explained(error)}") from error
 
 
+@cache  # nodes of one file share its topics and messages
 def _from_file(place: str) -> ModuleType:
-    if place not in _loaded:
-        spec = importlib.util.spec_from_file_location(Path(place).stem, place)
-        assert spec is not None  # as for every name that ends in .py
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        _loaded[place] = module
-    return _loaded[place]
-
-
-_loaded: dict[str, ModuleType] = {}
-"""Loaded files of user programs, by path: nodes of one file share its topics and messages."""
+    spec = importlib.util.spec_from_file_location(Path(place).stem, place)
+    assert spec is not None  # as for every name that ends in .py
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def reads_section(service: str, kinds: Mapping[str, Kind]) -> bool:

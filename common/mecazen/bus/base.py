@@ -184,10 +184,6 @@ class Bus:
         """Answer queries on a call's key; an empty request means its defaults."""
         self._servers[call.key] = handler
 
-    def serves(self, call: Call[Any, Any]) -> bool:
-        """Return whether this process answers queries on a call's key."""
-        return call.key in self._servers
-
     def serve_files(self, prefix: str, files: Mapping[str, bytes]) -> None:
         """Answer queries on `prefix/<path>` with a file's bytes."""
         self._files |= {f"{prefix}/{path}": data for path, data in files.items()}
@@ -209,7 +205,7 @@ class Bus:
             BusError: No server answers, or the answer is an error.
         """
         del timeout_s
-        if not self.serves(call):
+        if call.key not in self._servers:
             raise BusError(f"{call.key}: nobody answers")
         return self._ask(call, request)
 
