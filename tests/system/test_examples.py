@@ -151,9 +151,6 @@ def test_programs_that_drive_are_named_and_so_are_commands_that_no_service_reads
         names = [f"pid {process.pid}: " for process in plain]
         running.wait(lambda: all(name in put(plain)[1] for name in names))
         assert "follower and pid" in here(*options, "topics", "--live").stdout
-        pub = here(*options, "pub", "cmd_vel", "{}")
-        assert all(name in pub.stderr for name in names)
-        assert pub.stderr.startswith("warning: cmd_vel: 3 programs publish, ")
         running.wait(lambda: put(())[0] == "follower")
 
         declared = programs(tmp_path / "plain.py", running.endpoint, "rt/cmd_vel")
@@ -164,9 +161,6 @@ def test_programs_that_drive_are_named_and_so_are_commands_that_no_service_reads
             f"{namespace}/one/cmd_vel: {warning}",
         ]
         running.wait(lambda: all(line in put([putting])[1] for line in lines))
-        assert f"warning: {lines[0]}" in here(*options, "topics", "--live").stderr
-        pub = here(*options, "pub", "one/cmd_vel", "{}")
-        assert pub.stderr == f"warning: {lines[1].partition(' (')[0]}\n"
         declared.kill()
         running.wait(lambda: lines[0] not in put(())[1])
 

@@ -70,57 +70,49 @@ class Programs:
             self._names[program] = process or f"Zenoh id {program[:8]}{address}"
         return self._names[program]
 
-    def on(self, key: str, senders: Collection[str] = ()) -> list[str]:
-        """Return the names of the programs on a key that are not services.
+    def on(self, key: str, senders: Collection[str]) -> list[str]:
+        """Return the names of the programs whose samples on a key have arrived.
 
         Args:
             key: The key, with the robot's name.
-            senders: The programs whose samples have arrived, see `Bus.senders`; left out: all that
-                have declared a publisher.
+            senders: The programs, see `Bus.senders`.
         """
-        programs = self.publishers.get(self._prefix + key, ())
-        declared = [program for program in programs if program not in self._services]
-        active = [program for program in senders if program != UNNAMED] if senders else declared
+        active = [program for program in senders if program != UNNAMED]
         if UNNAMED in senders:
+            programs = self.publishers.get(self._prefix + key, ())
+            unnamed = [p for p in programs if p not in self._services and p not in active]
             tool = f"pid {os.getpid()}:"
             silent = [p for p in self._silent if not self.name(p).startswith(tool)]
-            unnamed = [program for program in declared if program not in active]
             active += unnamed or (silent if len(silent) == 1 else [UNNAMED])
         return [self.name(program) for program in active]
 
-    def unread(self, key: str) -> str | None:
-        """Return the warning that no service reads commands on a key such as `rt/cmd_vel`.
-
-        Keys are those outside the namespace. None: it is read, or no command has such a key.
-        """
-        topic = self._commanded(key)
-        if topic is None:
-            return None
-        read = [
-            name
-            for name, programs in self._subscribers.items()
-            # in ROS, services have sessions without a token, and keys with a type
-            if self._commanded(name) is topic and ("::" in name or self._services.keys() & programs)
-        ]
-        if key in read or not read:
-            return None
-        alike = [name for name in read if ("::" in name) == ("::" in key)]
-        hint = "" if alike else "; ROS needs `mecazen up --ros2`"
-        names = ", ".join(map(shortened, sorted(alike or read)))
-        return f"{shortened(key)}: no service reads this key, only {names}{hint}"
-
     def in_vain(self, heard: Iterable[str] = ()) -> list[str]:
-        """Return warnings about programs that publish commands on keys that no service reads.
+        """Return warnings about commands on keys that no service reads, as `rt/cmd_vel`.
 
-        `heard` are keys of samples that have arrived, since programs need not declare a publisher.
+        Keys are those outside the namespace. `heard` are keys of samples that have arrived, since
+        programs need not declare a publisher.
         """
-        publishers = {key: [UNNAMED] for key in heard} | self.publishers
         warnings = []
-        for key, programs in publishers.items():
+        for key, programs in ({key: [UNNAMED] for key in heard} | self.publishers).items():
             strangers = [program for program in programs if program not in self._services]
-            if strangers and (warning := self.unread(key)):
-                names = " and ".join(self.on(key, strangers))
-                warnings.append(f"{warning} (publisher: {names})")
+            topic = self._commanded(key)
+            if not strangers or topic is None:
+                continue
+            read = [
+                name
+                for name, readers in self._subscribers.items()
+                # in ROS, services have sessions without a token, and keys with a type
+                if self._commanded(name) is topic
+                and ("::" in name or self._services.keys() & readers)
+            ]
+            if key in read or not read:
+                continue
+            alike = [name for name in read if ("::" in name) == ("::" in key)]
+            hint = "" if alike else "; ROS needs `mecazen up --ros2`"
+            keys = ", ".join(map(shortened, sorted(alike or read)))
+            names = " and ".join(self.on(key, strangers))
+            problem = f"{shortened(key)}: no service reads this key, only {keys}{hint}"
+            warnings.append(f"{problem} (publisher: {names})")
         return warnings
 
     def _commanded(self, key: str) -> Topic[Any] | None:
@@ -129,11 +121,6 @@ class Programs:
         prefix, topic = resolve(name, TOPICS)
         is_output = prefix.rpartition("/")[2] in self._nodes  # as follower/cmd_vel in ROS
         return topic if topic is not None and topic.open and not is_output else None
-
-
-def contested(key: str, names: list[str]) -> str:
-    """Return the warning that several programs publish on a key."""
-    return f"{key}: {len(names)} programs publish, and the robot obeys each: {' and '.join(names)}"
 
 
 def _process_at(port: int) -> str | None:

@@ -15,7 +15,6 @@ from mecazen.graph import GRAPH, Graph
 from mecazen.keys import DIAGNOSTICS, TOPICS, Topic, resolve
 from mecazen.loop import turns_of
 from mecazen.programs import graph_of
-from mecazen.robots import join_key
 from mecazen.row import Row
 from msgspec.structs import fields
 from rich.table import Column, Table
@@ -143,7 +142,7 @@ def topics(
     loaded = DEFAULTS if scenario is None else load(scenario, None)
     nodes = Graph(GRAPH) if scenario is None else graph_of(loaded)
     renamed = {} if scenario is None else loaded.of(loaded.names[0]).renamed
-    rates, publishers, warnings = _live(context, nodes, renamed) if live else ({}, {}, [])
+    rates, publishers = _live(context, nodes, renamed) if live else ({}, {})
     names = ["message", "rate", "from", "meaning", *(["Hz now", "publishers"] if live else [])]
     table = Table(Column("key", no_wrap=True), *(Column(name, overflow="fold") for name in names))
     for key, message, rate, *cells in topic_rows(nodes, renamed):
@@ -154,14 +153,12 @@ def topics(
     for key, message, *cells in call_rows(nodes):
         table.add_row(*map(Text, (key, message.replace("/msg", ""), *cells)))
     print_table(table, 200)
-    for warning in warnings:
-        typer.echo(f"warning: {warning}", err=True)
 
 
 def _live(
     context: typer.Context, nodes: Graph, renamed: Mapping[str, str]
-) -> tuple[dict[str, str], dict[str, str], list[str]]:
-    """Return rates and publishers on a bus by key, a line for each robot, and warnings."""
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return rates and publishers on a bus by key, a line for each robot."""
     topics = {topic.key: topic for topic in (*nodes.topics, *TOPICS)}.values()
     known = [replace(topic, key=renamed.get(topic.key, topic.key)) for topic in topics]
     counts: dict[str, Counter[str]] = defaultdict(Counter)
@@ -188,6 +185,4 @@ def _live(
         )
         for key, counter in counts.items()
     }
-    heard = [bus.prefix + join_key(key, name) for key, names in counts.items() for name in names]
-    shown = {key: "\n".join(sorted(lines)) for key, lines in publishers.items()}
-    return rates, shown, programs.in_vain(heard)
+    return rates, {key: "\n".join(sorted(lines)) for key, lines in publishers.items()}

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+import tomllib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import Scenario
+from mecazen.errors import BusError
+from mecazen.keys import SIM_SCENARIO
 from mecazen.loading import (
     SCENARIO_VARIABLE,
     SETTINGS_VARIABLE,
@@ -18,6 +21,7 @@ from mecazen.loading import (
     parse_settings,
     scenario_path,
 )
+from mecazen.messages import Empty
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -68,6 +72,8 @@ RecordedScenario = Annotated[
     ),
 ]
 
+ANSWER_S = 1.0
+"""Timeout of a query for the running scenario [s]."""
 TABLE_WIDTH = 80
 """Least width of a terminal in which tables of many columns are readable [characters]."""
 
@@ -127,3 +133,11 @@ def receive(bus: ZenohBus, duration_s: float) -> None:
     end_s = time.monotonic() + duration_s
     while (left_s := end_s - time.monotonic()) > 0.0:
         bus.spin_once(left_s)
+
+
+def scenario_at(bus: ZenohBus) -> dict[str, Any]:
+    """Return the tables of the running scenario; empty if no service answers."""
+    try:
+        return tomllib.loads(bus.call(SIM_SCENARIO, Empty(), ANSWER_S).data)
+    except (BusError, ValueError):
+        return {}

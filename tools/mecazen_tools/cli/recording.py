@@ -17,6 +17,7 @@ import msgspec
 import typer
 from mecazen.errors import BusError, ConfigError, MecazenError, UntrustedError
 from mecazen.graph import WORLDS
+from mecazen.keys import TOPICS
 from mecazen.robots import join_key
 from mecazen.text import printable
 from mecazen.wire import NS_PER_S
@@ -28,7 +29,6 @@ from mecazen_tools import drawing
 from mecazen_tools.cli.options import RecordedScenario, RecordingFile, Topics, tool_bus
 from mecazen_tools.cli.simulate import print_scores
 from mecazen_tools.simulate import summary
-from mecazen_tools.strays import OPEN, mistake
 
 if TYPE_CHECKING:
     from mecazen_recorder.reader import Recording
@@ -71,8 +71,6 @@ def record(
     from mecazen.schema import OutputFile
     from mecazen_recorder.service import record_until_stopped
 
-    for warning in filter(None, map(mistake, keys or ())):
-        typer.echo(f"warning: {warning}", err=True)
     config = RecorderConfig(file=OutputFile(output), keys=tuple(keys or ["**"]))
     with tool_bus(context) as bus:
         count = record_until_stopped(bus, config)
@@ -164,12 +162,13 @@ def replay(
         typer.echo(f"warning: {error}; replayed without robot_description", err=True)
         descriptions = {}
     with tool_bus(context) as bus:
-        driving = {join_key(key, name) for name in ("", *descriptions) for key in OPEN}
+        commands = [topic.key for topic in TOPICS if topic.open]
+        driving = {join_key(key, name) for name in ("", *descriptions) for key in commands}
         alive = bus.alive()
         if not driving.issuperset(keys or ["**"]) and alive.intersection(WORLDS):
             raise BusError(
                 "a simulation runs there, and what it publishes would mix with the recording: end "
-                f"it first, or replay commands alone: --keys {' or '.join(OPEN)}"
+                f"it first, or replay commands alone: --keys {' or '.join(commands)}"
             )
         for name, description in descriptions.items():
             serve_description(bus, name, description)

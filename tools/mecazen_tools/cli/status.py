@@ -26,9 +26,8 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Option
 
-from mecazen_tools.cli.options import console, fitting, receive, tool_bus
-from mecazen_tools.publishers import Programs, contested
-from mecazen_tools.strays import scenario_at
+from mecazen_tools.cli.options import console, fitting, receive, scenario_at, tool_bus
+from mecazen_tools.publishers import Programs
 
 REFRESH_S = 0.5
 UNREAD_S = 5.0
@@ -180,7 +179,11 @@ class Diagnostics:
     def contests(self) -> tuple[str, ...]:
         """Return warnings about keys that several programs publish on, or that no service reads."""
         programs, now_s = self.programs().items(), time.monotonic()
-        contests = [contested(key, names) for key, names in programs if len(names) > 1]
+        contests = [
+            f"{key}: {len(names)} programs publish, and the robot obeys each: {' and '.join(names)}"
+            for key, names in programs
+            if len(names) > 1
+        ]
         self._heard = {k: at_s for k, at_s in self._heard.items() if now_s - at_s < UNREAD_S}
         return (*contests, *self._network.in_vain(self._heard))[:WARNINGS]
 

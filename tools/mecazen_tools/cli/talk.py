@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from typing import Annotated, Any
 
 import msgspec
 import typer
 from mecazen.bus.session import includes
-from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.errors import ConfigError, MecazenError
+from mecazen.errors import ConfigError
 from mecazen.keys import topic_of
 from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
@@ -20,8 +17,6 @@ from mecazen.wire import JSON_ENCODING, STAMPED, RefusedError, decode
 from typer import Argument, Option
 
 from mecazen_tools.cli.options import receive, tool_bus
-from mecazen_tools.publishers import Programs, contested
-from mecazen_tools.strays import absent, ignored, mistake, unknown_to
 
 SILENCE_S = 2.0
 """Time without a sample after which `echo` warns."""
@@ -50,10 +45,11 @@ def echo(
             typer.echo(printable(problem), err=True)
         shown += 1
 
-    with _bus_for(context, key) as bus:
+    _warn_unknown(key)
+    with tool_bus(context) as bus:
         bus.subscribe_bytes(key, show)
         if not bus.spin_once(SILENCE_S):
-            _warn(f"{key}: no sample for {SILENCE_S:g} s: {absent(bus, key)}")
+            _warn(f"{key}: no sample for {SILENCE_S:g} s; `mecazen topics --live` shows all rates")
         while count is None or shown < count:
             bus.spin_once()
 
@@ -91,13 +87,8 @@ def pub(
             _warn(f"{key}: {problem}")
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
-    with _bus_for(context, key) as bus:
-        _warn(ignored(bus, key))
-        if (topic := topic_of(key)) is not None and topic.open:
-            programs = Programs(bus)
-            _warn(programs.unread(f"{bus.prefix}{key}"))
-            if names := programs.on(key):
-                _warn(contested(key, [*names, "this one"]))
+    _warn_unknown(key)
+    with tool_bus(context) as bus:
         begin_s, sent = time.monotonic(), 0
         while True:
             bus.put_bytes(key, payload, JSON_ENCODING)
@@ -107,18 +98,14 @@ def pub(
             receive(bus, begin_s + sent / rate - time.monotonic())
 
 
-@contextmanager
-def _bus_for(context: typer.Context, key: str) -> Iterator[ZenohBus]:
-    """Open the bus; warn of a key that neither mecazen nor the running scenario names."""
-    warning = mistake(key)
-    with ExitStack() as stack:
-        try:
-            bus = stack.enter_context(tool_bus(context))
-        except MecazenError:
-            _warn(warning)
-            raise
-        _warn(unknown_to(bus, key, warning))
-        yield bus
+def _warn_unknown(key: str) -> None:
+    """Warn of a key that the table does not have: a user's own, or a typo.
+
+    Raises:
+        BusError: The text is neither a key nor an expression.
+    """
+    if includes(key, key) and "*" not in key and topic_of(key) is None:
+        _warn(f"{key}: not among `mecazen topics`")
 
 
 def _read(key: str, payload: bytes, encoding: str) -> Any:
@@ -127,7 +114,5 @@ def _read(key: str, payload: bytes, encoding: str) -> Any:
     return msgspec.json.decode(payload) if topic is None else decode(payload, topic.type, encoding)
 
 
-def _warn(warning: str | None) -> None:
-    """Print a warning, if there is one, on standard error."""
-    if warning is not None:
-        typer.echo(f"warning: {warning}", err=True)
+def _warn(warning: str) -> None:
+    typer.echo(printable(f"warning: {warning}"), err=True)

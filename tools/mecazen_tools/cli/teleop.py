@@ -32,8 +32,7 @@ from rich.live import Live
 from rich.text import Text
 from typer import Option
 
-from mecazen_tools.cli.options import tool_bus
-from mecazen_tools.strays import OWN_WAY, goes_own_way, scenario_at
+from mecazen_tools.cli.options import scenario_at, tool_bus
 
 TELEOP = "teleop"
 """The liveliness token of this command."""
@@ -195,7 +194,6 @@ class Remote:
         self._sent: Twist | None = None
         self._newest: dict[Topic[Any] | str, tuple[float, Any]] = {}
         """Arrival time [s] and content of the newest message; `FOLLOWER`: of the follower's."""
-        self._obeys = role is ROBOT or not goes_own_way(scenario, robot)
         self._service = join_key(role.service, robot)
         bus.presence.known = {self._service}
         bus.declare_alive(TELEOP, robot)
@@ -236,8 +234,6 @@ class Remote:
         key = self._bus.key_of(of_robot(self._role.command, self._robot))
         if self._service not in self._bus.presence.names:
             return f"nobody listens to {key}: is `mecazen up teleop` running?"
-        if not self._obeys:
-            return OWN_WAY
         if self._recent(self._role.command) is not None:
             return f"another program drives on {key} as well: `mecazen topics --live` names it"
         guard = self._recent(keys.GUARD_STATE)
