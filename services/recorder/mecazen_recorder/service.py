@@ -239,7 +239,8 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
         except BusError:
             return None  # no simulation runs, as in a replay
 
-    set_up_log("recorder", lambda: recorder.now.time_ns / NS_PER_S)
+    recorder: Recorder | None = None  # which may log while it is made
+    set_up_log("recorder", lambda: recorder.now.time_ns / NS_PER_S if recorder else 0.0)
     recorder = Recorder(bus, config, scenario)
     stop_on_signals(bus.stop)
     try:
