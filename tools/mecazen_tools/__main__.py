@@ -1,25 +1,11 @@
 """The command line, `mecazen` or `python -m mecazen_tools`: Ctrl-C ends it quietly at any time."""
 
-import codecs
 import io
 import os
 import signal
 import sys
 
 from mecazen_tools import INTERRUPTED
-
-MARKS = {"✓": "+", "✗": "-", "≤": "<"}
-"""Signs of the same width for encodings that lack those of tables."""
-
-
-def replaced(error: UnicodeError) -> tuple[str, int]:
-    """Return what stands for characters that an encoding lacks; a question mark for most."""
-    assert isinstance(error, UnicodeEncodeError)
-    missing = error.object[error.start : error.end]
-    return "".join(MARKS.get(character, "?") for character in missing), error.end
-
-
-codecs.register_error("marks", replaced)
 
 
 def main() -> None:
@@ -38,7 +24,7 @@ def main() -> None:
 
     if sys.stdout is not None:
         whole = WholeWrites(sys.stdout.fileno(), "w", closefd=False)
-        sys.stdout = io.TextIOWrapper(whole, sys.stdout.encoding, "marks", write_through=True)
+        sys.stdout = io.TextIOWrapper(whole, sys.stdout.encoding, "replace", write_through=True)
 
     signal.signal(signal.SIGINT, interrupt)
     try:
