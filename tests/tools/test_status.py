@@ -80,7 +80,7 @@ def status_of(reports=REPORTS, **net):
 def lines_of(status):
     console = Console(width=160, color_system=None)
     with console.capture() as capture:
-        console.print(screen(status, 160))
+        console.print(screen(status))
     return capture.get().splitlines()
 
 

@@ -24,7 +24,6 @@ from mecazen.loading import (
 from mecazen.messages import Empty
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 from typer import Argument, Option
 
 ScenarioArgument = Annotated[
@@ -74,8 +73,6 @@ RecordedScenario = Annotated[
 
 ANSWER_S = 1.0
 """Timeout of a query for the running scenario [s]."""
-TABLE_WIDTH = 80
-"""Least width of a terminal in which tables of many columns are readable [characters]."""
 
 
 def console(width: int) -> Console:
@@ -84,25 +81,9 @@ def console(width: int) -> Console:
     return terminal if terminal.is_terminal else Console(width=width)
 
 
-def fitting(table: Table, width: int) -> Table | Text:
-    """Return a table, or its rows as lines `column: value` if the terminal is too narrow for it."""
-    if width >= TABLE_WIDTH:
-        return table
-    heads = [Text.from_markup(str(column.header)) for column in table.columns]
-    lines = []
-    for row in zip(*(column.cells for column in table.columns), strict=True):
-        first, *cells = (cell if isinstance(cell, Text) else Text(str(cell)) for cell in row)
-        lines.append(Text(" ").join(first.split("\n")))
-        for head, cell in zip(heads[1:], cells, strict=True):
-            if cell:
-                lines.append(Text.assemble("  ", head, ": ", Text(", ").join(cell.split("\n"))))
-    return Text("\n").join(lines)
-
-
 def print_table(table: Table, width: int) -> None:
     """Print a table to the terminal, or as text of a `width` [characters]."""
-    terminal = console(width)
-    terminal.print(fitting(table, terminal.width))
+    console(width).print(table)
 
 
 def load(scenario: str, settings: list[str] | None) -> Scenario:

@@ -26,7 +26,7 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Option
 
-from mecazen_tools.cli.options import console, fitting, receive, scenario_at, tool_bus
+from mecazen_tools.cli.options import console, receive, scenario_at, tool_bus
 from mecazen_tools.publishers import Programs
 
 REFRESH_S = 0.5
@@ -274,8 +274,8 @@ def _stale_s(sim: SimState | None) -> float:
     return 1.0 / (min(sim.speed, sim.rtf) or sim.speed) + LATE_S
 
 
-def screen(status: Status, width: int = SCREEN_WIDTH) -> Group:
-    """Return a status as a table with a headline, for a terminal of a width [characters]."""
+def screen(status: Status) -> Group:
+    """Return a status as a table with a headline."""
     hears = Column("hears [Hz]", overflow="fold")  # else a narrow terminal cuts keys off
     table = Table("service", "state", hears, r"oldest \[s]", "refused", "missed", "restarts")
     for name, service in status.services.items():
@@ -297,7 +297,7 @@ def screen(status: Status, width: int = SCREEN_WIDTH) -> Group:
     followed = [
         Text(f"{printable(name) or 'robot'}: {text}") for name, text in status.followed.items()
     ]
-    return Group(Text(_headline(status), "bold"), *followed, fitting(table, width), *warnings)
+    return Group(Text(_headline(status), "bold"), *followed, table, *warnings)
 
 
 def _headline(status: Status) -> str:
@@ -334,10 +334,10 @@ def status(
             where = (context.obj.connect or ("the router",))[0]
             raise BusError(f"no service is alive at {where}: is `mecazen up` running?")
         if out.is_terminal and not as_json:
-            with Live(screen(newest, out.width), console=out, auto_refresh=False) as live:
+            with Live(screen(newest), console=out, auto_refresh=False) as live:
                 while True:
                     receive(bus, REFRESH_S)
-                    live.update(screen(diagnostics.status(), out.width), refresh=True)
+                    live.update(screen(diagnostics.status()), refresh=True)
         end_s = time.monotonic() + PATIENCE_S
         while not diagnostics.is_complete(newest) and time.monotonic() < end_s:
             receive(bus, REFRESH_S)
@@ -345,4 +345,4 @@ def status(
         if as_json:
             typer.echo(printable(msgspec.json.encode(newest).decode()))
         else:
-            out.print(screen(newest, out.width))
+            out.print(screen(newest))
