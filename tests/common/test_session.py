@@ -37,12 +37,6 @@ def test_a_routers_taken_port_is_one_line(router):
             assert text.startswith(f"can't listen on {endpoint}: the port is taken")
 
 
-def test_a_client_without_router_is_one_line(free_port):
-    config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
-    text = error_of(BusError, lambda: ZenohBus(config, "client"))
-    assert text == f"nothing answers at tcp/127.0.0.1:{free_port}: is `mecazen up` running?"
-
-
 def test_a_peer_that_starts_before_the_router_meets_others(free_port):
     config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
     with closing(ZenohBus(config)) as early:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from mecazen.messages import LaserScan
-from mecazen.scan import STRIDE_M, by_person, clusters, ranges_of
+from mecazen.scan import STRIDE_M, by_person, clusters
 from mecazen.walkers import FORGET_S, GATE_M, LOOKED_S, Walkers
 
 BEAMS = 360
@@ -37,33 +37,12 @@ def test_a_thing_across_the_first_beam_is_one():
     assert clusters_of(ranges, gap_m=3.5).counts.tolist() == [10]
 
 
-@pytest.mark.parametrize("value", [NOTHING, 6.0, math.nan])
-def test_no_hits_are_no_groups(value):
-    groups = clusters_of([value] * BEAMS)
-    assert (len(groups.xy), len(groups.middle), len(groups.width)) == (0, 0, 0)
-
-
 def test_the_nearest_legs_are_one_persons():
     places = [(0.0, 0.0), (0.3, 0.0), (0.5, 0.0), (3.0, 0.0), (3.0, 1.1 * STRIDE_M)]
     legs = np.array([True, True, True, False, True])
     persons = by_person(places, legs, ~legs)
     assert [members for members, _ in persons] == [[3], [2, 1], [0], [4]]
     assert persons[1][1] == pytest.approx((0.4, 0.0))
-
-
-# No return: rplidar sends inf, which becomes range_max + 1; ydlidar 0; null and NaN become 0.
-@pytest.mark.parametrize(
-    ("ranges", "expected"),
-    [
-        ([0.0, 0.0, 0.5, 0.02], [math.inf, math.inf, 0.5, 0.02]),  # 0 is no return
-        ([0.0, 13.0, 0.5, 40.0], [math.nan, math.inf, 0.5, math.inf]),  # range_max + 1 is
-        ([0.0, math.nan], [math.nan, math.nan]),  # covered: nothing is known
-    ],
-)
-def test_a_real_scan_shows_what_no_return_looks_like(ranges, expected):
-    scan = LaserScan(range_min=0.05, range_max=12.0, ranges=tuple(ranges))
-    assert ranges_of(scan, is_real=True).tolist() == pytest.approx(expected, nan_ok=True)
-    assert math.isnan(ranges_of(scan)[0])  # a lost beam of the simulated lidar
 
 
 def walk(walkers, scans, *, speed=0.8, is_leg=True, begin=0):

@@ -371,33 +371,6 @@ def answer_of(samples):
     return estimate and estimate[0].pose.pose.to_planar(), command.message.to_planar()
 
 
-def test_a_tick_with_a_frame_waits_for_both():
-    rig = OnBus()
-    assert rig.odom(0) == []
-    assert answer_of(rig.frame(0)) == ((), Twist2D())
-    for tick in (1, 2, 3):
-        assert answer_of(rig.odom(tick)) == ((), Twist2D())
-    assert rig.frame(4, AHEAD) == []
-    samples = rig.odom(4)
-    assert answer_of(samples) == (pytest.approx(AHEAD), pytest.approx((0.5, 0.0, 0.0)))
-    assert samples[0].stamp == rig.at(4)
-
-
-def test_controller_restart_resets_the_track():
-    rig = OnBus("kf_cv")
-    rig.odom(0)
-    assert answer_of(rig.frame(0, AHEAD))[0] == pytest.approx(AHEAD)
-    for alive in (True, False, True):
-        rig.bus.presence.update("controller", alive=alive)
-    # within what a robot may do in this time, so no jump that shows
-    elsewhere = Pose2D(0.4, 0.3, 0.2)
-    rig.odom(20, elsewhere)
-    assert answer_of(rig.frame(20)) == ((), Twist2D())
-    rig.odom(24, elsewhere)
-    estimate, _ = answer_of(rig.frame(24, AHEAD))
-    assert estimate == pytest.approx(elsewhere.compose(AHEAD), abs=1e-6)
-
-
 ODOM = m.planar_odometry(m.Time(1), "odom", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
 GOOD = {
     "odom": [ODOM],

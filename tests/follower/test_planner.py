@@ -44,17 +44,6 @@ PILLAR = 0.4, 0.25, 0.1
 """In the way of a robot at the origin."""
 
 
-def test_the_map_keeps_objects_and_drops_legs():
-    local_map, person = LocalMap(), Pose2D(1.5, 0.0)
-    local_map.see(0.0, scan(ORIGIN, [*legs(1.5, 0.0), (1.0, 1.5, 0.15)]), ORIGIN, person)
-    points = local_map.standing(ORIGIN)
-    assert len(points) >= 2
-    assert np.hypot(*(points - (1.0, 1.5)).T) == pytest.approx(0.15, abs=1e-3)
-    # a wall as near as the legs is kept
-    local_map.see(0.1, scan(ORIGIN, wall(0.5, 2.5, 0.3)), ORIGIN, person)
-    assert len(local_map.standing(ORIGIN)) > 10  # of 2 m, a point each 10 cm; aslant less
-
-
 def test_hidden_points_are_remembered_for_a_while():
     pillar, removed, screen = (2.0, 0.0, 0.1), (0.0, 2.0, 0.1), (1.0, 0.0, 0.2)
     local_map, away = LocalMap(), Pose2D(-5.0, 0.0)
@@ -100,22 +89,6 @@ def test_in_open_space_the_command_is_unchanged(control):
             planner.see(TICK * tick, scan(ORIGIN, circles), ORIGIN)
         assert planner.command(TICK * tick, TICK, person, ORIGIN, nominal) is nominal
     assert planner.plan == ("open", "")
-
-
-def test_plan_names_the_obstacle_until_reset():
-    def command():
-        _, planner = planner_of()
-        person = standing((1.0, 0.0, 0.0), (0.5, 0.0))
-        planner.command(0.0, TICK, person, ORIGIN, Twist2D())
-        planner.see(0.0, scan(ORIGIN, [PILLAR]), ORIGIN)
-        return planner.command(TICK, TICK, person, ORIGIN, Twist2D(0.5)), planner
-
-    first, planner = command()
-    assert planner.plan.state != "open"
-    assert planner.plan.reason.startswith("an obstacle is in the way in ")
-    planner.forget()
-    assert planner.plan.state == "open"
-    assert command()[0] == first  # the same seed
 
 
 SIDE = {"view": "side_left", "standoff_m": 1.2}

@@ -65,12 +65,6 @@ def test_a_twist_needs_its_stopping_distance(speed):
         assert (verdict.factor == 1.0) == free
 
 
-def test_a_command_is_predicted_within_limits():
-    fast = Twist2D(x=AXES[0].velocity)
-    place = points((HALF[0] + MARGIN_M + stopping_m(fast.x) + 0.005, 0.0))
-    assert guard_at(fast).step(Twist2D(x=3.0), place, 0.0, DT).factor == 1.0
-
-
 def test_the_margin_is_kept_at_all_limits():
     place, start = (1.3, -1.3), Twist2D(1.2, -1.7, 0.2)
     poses, _ = drive(Twist2D(2.43, -1.73, 0.21), [place], start, 1.5, rim_speed=2.0)

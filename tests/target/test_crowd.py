@@ -1,7 +1,5 @@
 """The crowd as a node: the persons that it reports, the ticks, and the limits of a scenario."""
 
-import math
-
 import pytest
 from harness import SCENARIOS, Steps, error_of
 from mecazen import keys
@@ -57,17 +55,6 @@ def test_people_are_published_at_the_skeletons_rate():
     assert frame.persons[2].pose.position.x == pytest.approx(0.04)
     assert [one.name for one in frame.robots] == ["robot"]
     assert frame.robots[0].pose.position.x == -1.0
-
-
-@pytest.mark.parametrize("ticks", [[1000], [0, 2, 48]])
-def test_joints_follow_their_walker_after_a_gap(ticks):
-    crowd = Crowd("senses", WALKERS)
-    for tick in ticks:
-        frame = crowd.tick(tick)
-    for walker in frame.persons[1:]:
-        at = walker.pose.position
-        # a leg of 0.53 of a height of 1.75 m (Winter), and 0.2 m of a foot
-        assert max(math.hypot(j.x - at.x, j.y - at.y) for j in walker.joints) < 0.8
 
 
 def test_added_people_have_their_own_time():
@@ -131,21 +118,6 @@ def test_a_run_begun_anew_is_the_same_again():
     assert [crowd.tick(tick) for tick in range(0, 60, 2)] == first
     crowd.reset(99)
     assert crowd.tick(0) != first[0]
-
-
-@pytest.mark.parametrize(
-    ("scenario", "settings", "takes_part"),
-    [
-        ("senses", (), False),
-        ("convoy", ("sensor.kind=fused",), True),
-        ("back", (WALKERS,), True),
-        ("back", ("world.added.anna={ kind = 'person' }",), True),
-        ("crowd", (), True),
-    ],
-)
-def test_the_crowd_takes_part_where_there_is_one(scenario, settings, takes_part):
-    loaded = load_scenario(SCENARIOS / f"{scenario}.toml", parse_settings(settings))
-    assert ("crowd" in loaded.services) == takes_part
 
 
 POINTS = "crowd.walkers=[{ path = { kind = 'waypoints', points_m = [[0, 0], [0, 0]] } }]"

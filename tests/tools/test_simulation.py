@@ -37,14 +37,6 @@ def test_run_has_all_ticks(sim):
     assert reason == "the run is over after 0.05 s; duration_s sets it"
 
 
-def test_a_reset_repeats_the_seed_or_takes_another(sim):
-    sim.run()
-    sim.reset()
-    assert (sim.time_s, sim.scenario.seed) == (0.0, CARTS.seed)
-    sim.reset(np.int64(9))
-    assert sim.scenario.seed == 9
-
-
 def test_command_is_repeated_until_a_reset(sim):
     commands = Listener(sim.bus, keys.CMD_VEL)
     sim.command(0.25, wz=np.float32(0.5))

@@ -119,17 +119,6 @@ def test_a_silent_service_is_stale_while_time_passes(sim, age_s, state, monkeypa
     assert (f"stale for {age_s} s" in "\n".join(lines_of(status))) is (state == "stale")
 
 
-def test_the_screen_has_a_line_for_each_service():
-    head, *table = lines_of(status_of(alive=READY - {"controller"}))
-    assert head == "t = 12.5 s  ·  1.99 × real time (speed 2)  ·  real time  ·  seed 7"
-    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in table if "│" in line]
-    assert rows == [
-        ["physics", "ready", "joint_command 99.5  target/odom 0", "0.01", "0", "3", "0"],
-        ["controller", "gone", "", "", "0", "0", "0"],
-        ["follower", "ready", "odom 100  target/observation 25", "0.75", "2", "4", "2"],
-    ]
-
-
 def test_the_screen_says_why_the_person_is_lost():
     lost = {"tracking": "lost", "reason": "hidden by a wall", "distance_error_m": "0.1"}
     waiting = {"tracking": "waiting", "reason": "no frames from the sensor"}
