@@ -27,7 +27,7 @@ SERVICES = ("physics", "controller", "target", "follower")
 PARTS = (*SERVICES, "router")
 FREEZING = ("physics", "controller", "follower", "router")
 """Not the target: its person stops dead, and the follower, which predicts them, drives into them.
-With a guard it does not: tests/system/test_freezes.py."""
+With a guard it does not: tests/system/test_faults.py."""
 WALK = ("robot=nexus", "target.path.speed_m_s=0.5")
 """Settings of the scenario `circle`, whose person walks without end, here at a stroll."""
 

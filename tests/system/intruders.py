@@ -1,8 +1,9 @@
-"""Clients that send what must be refused, or too much."""
+"""Clients that send what must be refused, or too much, and one that takes samples too slowly."""
 
 import multiprocessing
 import random
 import re
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,10 +11,12 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from harness import SCENARIOS
+import zenoh
+from harness import COMMAND_GUARD_S, SCENARIOS
 from hostile import Put
 from mecazen import keys
 from mecazen.bus.base import decode_sample
+from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Message
@@ -207,3 +210,34 @@ def flood_until(stop, names, payload, rate_hz, config, sent) -> None:
                 time.sleep(max(0.0, begin + sent.value / rate_hz - time.perf_counter()))
             elif not names:
                 stop.wait()
+
+
+SAMPLE_S = 0.05
+
+
+def hear_slowly(config, mode, heard, hears) -> None:
+    """Take 50 ms for each sample on Zenoh's own thread, as a client that knows no better."""
+
+    def take(_: zenoh.Sample) -> None:
+        time.sleep(SAMPLE_S)
+        heard.value += 1
+
+    with open_session(config, mode, "viewer") as session:
+        session.declare_subscriber("**", zenoh.handlers.Callback(take, indirect=False))
+        hears.set()
+        threading.Event().wait()
+
+
+@contextmanager
+def slow_observer(config, mode):
+    """Observe slowly, from another process; yield the number of samples that it has taken."""
+    context = multiprocessing.get_context("spawn")
+    heard, hears = context.Value("q", 0), context.Event()
+    process = context.Process(target=hear_slowly, args=(config, mode, heard, hears), daemon=True)
+    process.start()
+    assert hears.wait(COMMAND_GUARD_S)
+    try:
+        yield heard
+    finally:
+        process.kill()
+        process.join()

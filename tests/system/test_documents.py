@@ -1,4 +1,4 @@
-"""The examples of the documents: their files are written, their commands run."""
+"""The examples of the documents and the notebook: their files are written, their commands run."""
 
 import re
 import shlex
@@ -7,6 +7,7 @@ import sys
 import time
 import tomllib
 
+import nbformat
 import pytest
 import yaml
 from hardware.stand import emulated
@@ -23,13 +24,14 @@ from harness import (
     mecazen,
     options,
 )
+from mecazen import Simulation
 from mecazen.keys import FOLLOWER_STATE, ODOM
 from mecazen.loading import load_scenario
 from mecazen.wheels import WheelSpeeds
 from mecazen_hardware.board import Identity
 from mecazen_hardware.link import make_board
 from mecazen_tools.processes import free_port, private_router
-from mecazen_tools.simulation import Simulation
+from rerun.notebook import Viewer
 
 README = (ROOT / "README.md").read_text()
 PAGES = {page.stem: page.read_text() for page in (ROOT / "docs").glob("*.md")}
@@ -86,7 +88,16 @@ def test_a_new_file_runs_by_the_commands_that_are_printed(kind, tmp_path):
 
 SHORTER = {
     "compare": ("--seeds", "1", "--duration", "2"),
-    "experiment": ("--seeds", "1", "--only", "case=circle", "--set", "sim.duration_s=2.0"),
+    "experiment": (
+        "--jobs",
+        "1",
+        "--seeds",
+        "1",
+        "--only",
+        "case=circle",
+        "--set",
+        "sim.duration_s=2.0",
+    ),
 }
 
 
@@ -330,3 +341,43 @@ def test_a_robot_follows_the_person_of_the_converter(stack, tmp_path):
             converter.terminate()
             converter.wait(COMMAND_GUARD_S)
         assert abs(odom.pose.y) < 0.02  # straight ahead
+
+
+NUMBER = re.compile(r"-?\d+\.\d+(?:e-?\d+)?")
+NOTEBOOK = ROOT / "examples" / "notebook.ipynb"
+
+
+def rrd_of(widget):
+    """Return the data that the widget's page has not received yet, in Rerun's format."""
+    return b"".join(b for _, buffers in widget._viewer._event_queue for b in buffers or ())
+
+
+def test_the_widget_shows_the_run_from_its_start_and_as_it_goes_on():
+    with Simulation("side", duration_s=0.4, view=True) as sim:
+        sim.run(0.2)
+        widget = sim.view()
+        assert isinstance(widget, Viewer)
+        so_far = rrd_of(widget)
+        for entity in (b"/world/follow", b"/world/robot", b"/world/person", b"/plots/distance"):
+            assert entity in so_far
+        sim.run()
+    assert len(rrd_of(widget)) > len(so_far)
+
+
+def test_the_notebook_prints_the_numbers_that_it_shows(tmp_path):
+    copy = tmp_path / "notebook.ipynb"
+    copy.write_bytes(NOTEBOOK.read_bytes())
+    make = [sys.executable, str(ROOT / "docs" / "make_notebook.py"), str(copy)]
+    subprocess.run(make, check=True, timeout=COMMAND_GUARD_S, capture_output=True)
+    stored, made = printed(NOTEBOOK), printed(copy)
+    assert NUMBER.sub("#", stored) == NUMBER.sub("#", made)
+    numbers = [float(number) for number in NUMBER.findall(stored)]
+    assert len(numbers) > 40
+    assert [float(number) for number in NUMBER.findall(made)] == numbers
+
+
+def printed(file):
+    """The text that all cells show."""
+    cells = nbformat.read(file, as_version=4).cells
+    outputs = [output for cell in cells for output in cell.get("outputs", ())]
+    return "\n".join(output.get("text") or output.data["text/plain"] for output in outputs)

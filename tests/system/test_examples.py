@@ -1,15 +1,19 @@
 """The examples, and other programs of a user: nodes of a scenario, and processes of plain Zenoh."""
 
+import importlib.util
 import os
 import subprocess
 import sys
 from contextlib import closing
 
+import msgspec
+import numpy as np
 import pytest
 from harness import ROOT, SCENARIOS, Newest, here, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.loading import load_scenario, parse_settings
+from mecazen_gym.policy import SIZE
 from mecazen_tools.cli.status import Diagnostics
 from mecazen_tools.cli.up import settings_without
 from mecazen_tools.simulate import simulate
@@ -18,14 +22,6 @@ from mecazen_tools.simulation import Simulation
 EXAMPLES = ROOT / "examples" / "new"
 BACK = SCENARIOS / "back.toml"
 SENSOR = f"programs.my_sensor={EXAMPLES}/my_sensor.py:MySensor"
-
-
-def test_the_follower_keeps_its_distance():
-    program = {"programs.follower": f"{EXAMPLES}/my_follower.py:MyFollower"}
-    scenario = load_scenario(BACK, {**program, "sim.duration_s": 6.0})
-    d_err_m = simulate(scenario, "mine")[0].d_err_m
-    # a proportional law lags by speed over gain, 0.2/1.5 m
-    assert d_err_m < 0.15
 
 
 def test_the_sensors_node_leaves_the_trajectory_as_it_is_and_measures_the_true_distance():
@@ -186,3 +182,19 @@ def test_a_process_of_plain_zenoh_follows(stack, programs, tmp_path):
 
     running.wait(lambda: robot.message and person.message and gap()[0] > 0.0)
     assert gap()[1] == pytest.approx(1.13, abs=0.1)  # it lags by speed over gain, 0.2/1.5 m
+
+
+def test_training_writes_weights_that_compare_takes(tmp_path, monkeypatch):
+    spec = importlib.util.spec_from_file_location("train", ROOT / "examples" / "train.py")
+    train = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(train)
+    for name, value in {"CANDIDATES": 4, "PERSONS": 2, "WALKS": train.WALKS[-1:]}.items():
+        monkeypatch.setattr(train, name, value)
+    train.main(str(tmp_path / "mine.npz"), "2")
+    weights = np.load(tmp_path / "mine.npz")["weights"]
+    assert weights.shape == (SIZE,)
+    assert weights.any()
+    short = ("--seeds", "1", "--duration", "2", "--json")
+    compared = here("compare", "back", "policy:mine.npz", "default", *short, folder=tmp_path)
+    means = msgspec.json.decode(compared.stdout)["means"]
+    assert [*means] == ["mine.npz", "default"], compared.stderr

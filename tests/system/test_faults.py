@@ -4,18 +4,24 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 
 import msgspec
 import pytest
 from faults import RESUME_S, SERVICES, WALK, Up, Watch, seconds, strike
-from harness import COMMAND_GUARD_S, ROOT, SCENARIOS, here, tools
+from harness import COMMAND_GUARD_S, ROOT, SCENARIOS, Newest, here, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.messages import Empty
+from mecazen.geometry import Twist2D
+from mecazen.loading import load_scenario, parse_settings
+from mecazen.messages import Empty, ResetRequest, Twist
 from mecazen.wire import Stamp
 from mecazen_recorder.reader import Recording
 from mecazen_tools.processes import ProcessError
+from mecazen_tools.simulate import simulate
+from mecazen_tools.trajectory import Trajectory
+from system.intruders import slow_observer
 
 WATCHFUL = ROOT / "configs" / "zenoh" / "watchful.json5"
 """With a lease of 1 s instead of 10 s."""
@@ -208,3 +214,90 @@ def test_a_recorder_that_was_killed_goes_on_in_a_file_of_its_own(tmp_path):
         for file in files
     )
     assert 0 < max(before) < min(after)
+
+
+TELEOP = SCENARIOS / "teleop.toml"
+SPEED_M_S = 1.0
+FROZEN_S = 1.0
+"""Simulated time for which it is frozen: twice as long as a watchdog without a guard waits."""
+PERSON_RADIUS_M = 0.2
+GAP_M = 0.5
+"""At which the guard brakes."""
+
+
+def test_a_robot_that_drives_at_a_person_touches_nobody_if_a_service_freezes(stack):
+    running = stack(TELEOP, "start.x_m=-1.5")
+    robot, person = Newest(running.bus, keys.GROUND_TRUTH), Newest(running.bus, keys.TARGET_ODOM)
+    front_m = running.scenario.robot.footprint[0]
+    gaps: list[float] = []
+
+    def note(_, stamp) -> None:
+        if person.message is not None and robot.message is not None:
+            gaps.append(robot.pose.distance(person.pose) - front_m - PERSON_RADIUS_M)
+
+    running.bus.subscribe(keys.GROUND_TRUTH, note, every=True)
+    command = running.bus.publisher(keys.CMD_VEL)
+    running.start()
+
+    def drive_until(condition) -> None:
+        def check() -> bool:
+            command.put(Twist.planar(Twist2D(SPEED_M_S)), None)
+            return condition()
+
+        running.wait_unwatched(check)
+
+    for name in ("guard", "controller", "sensors", "target"):
+        drive_until(lambda: gaps and gaps[-1] < GAP_M)
+        pid, begin_ns = running.supervisor.pids[name], robot.stamp.time_ns
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            drive_until(lambda end=begin_ns + FROZEN_S * 1e9: robot.stamp.time_ns > end)
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        thawed_ns = robot.stamp.time_ns
+        drive_until(lambda end=thawed_ns + 0.5e9: robot.stamp.time_ns > end)
+        assert 0.0 < min(gaps) < 0.3, name  # it did drive at them
+        run = running.call(keys.SIM_RESET, ResetRequest()).run
+        running.wait_unwatched(lambda run=run: robot.stamp.run == person.stamp.run == run)
+        gaps.clear()
+
+
+BACK = SCENARIOS / "back.toml"
+RUN = ("sim.duration_s=5.0", "seed=3", "sim.mode=lockstep")
+FREEZE_S = 0.5
+
+
+def test_an_observer_that_takes_50_ms_a_sample_delays_no_tick(stack):
+    running = stack(BACK, *RUN)
+    trajectory = Trajectory(running.bus, running.scenario)
+    with slow_observer(running.scenario.bus, "peer") as heard:
+        running.start()
+        running.watch(trajectory)
+        before = heard.value
+        running.wait(lambda: trajectory.complete)
+        # had the run waited for it, it would have taken nearly all: eight a tick
+        assert heard.value - before < 4 * running.scenario.sim.ticks
+    expected = simulate(load_scenario(BACK, parse_settings(RUN)), "back")[0].trajectory_sha256
+    assert trajectory.sha256() == expected
+
+
+def test_a_recorder_that_freezes_for_a_moment_holds_the_run_up_and_loses_nothing(stack, tmp_path):
+    file = tmp_path / "run.mcap"
+    services = 'services=["physics","controller","target","follower","recorder"]'
+    running = stack(BACK, *RUN, services, f'recorder.file="{file}"')
+    trajectory = Trajectory(running.bus, running.scenario)
+    running.start()
+    run = running.watch(trajectory)
+    running.wait(lambda: trajectory.done > 100)
+    recorder = running.supervisor.pids["recorder"]
+    os.kill(recorder, signal.SIGSTOP)
+    end = time.monotonic() + FREEZE_S
+    running.wait(lambda: time.monotonic() > end)
+    assert not trajectory.complete
+    os.kill(recorder, signal.SIGCONT)
+    running.wait(lambda: trajectory.complete)
+    running.supervisor.stop()
+    recorded = [s.key for s in Recording(file).samples() if s.stamp and s.stamp.run == run]
+    every_tick = (keys.CLOCK, keys.JOINT_STATES, keys.ODOM, keys.CMD_VEL, keys.TARGET_ODOM)
+    counts = {topic.key: recorded.count(topic.key) for topic in every_tick}
+    assert counts == dict.fromkeys(counts, running.scenario.sim.ticks)

@@ -1,16 +1,21 @@
-"""The loop in real time, as processes: following, and driving by hand."""
+"""The loop in real time, as processes: following, several robots, and driving by hand."""
 
 import os
+import re
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
 import pytest
-from harness import COMMAND_GUARD_S, SCENARIOS, Command, Newest, tools
+from harness import COMMAND_GUARD_S, SCENARIOS, Command, Newest, here, tools, wait
 from mecazen import keys
+from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.messages import Empty
+from mecazen.messages import Empty, ResetRequest
+from mecazen.robots import join_key
+from mecazen_tools.cli.status import Diagnostics
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 
@@ -20,7 +25,7 @@ TWIST = '{"linear":{"x":0.3}}'
 
 def test_without_a_missed_deadline_real_time_gives_the_lockstep_trajectory(stack):
     # ticks of 0.25 s of wall time: 50 times what the loop takes, so no deadline is missed
-    settings = ("sim.duration_s=0.3", "target.path.start_after_s=0.1", "sim.speed=0.04")
+    settings = ("sim.duration_s=0.12", "target.path.start_after_s=0.04", "sim.speed=0.04")
     running = stack(SCENARIOS / "back.toml", *settings)
     sim = running.scenario.sim
     trajectory = Trajectory(running.bus, running.scenario)
@@ -75,3 +80,38 @@ def test_an_unmodified_zenoh_cli_drives_the_robot_until_the_guard_stops_it_and_r
     running.wait(lambda: guard.message.state == "stop" and odom.pose.x > -0.95)
     drive.end()
     assert guard.message.reason.endswith("m ahead")
+
+
+CONVOY = SCENARIOS / "convoy.toml"
+
+
+def test_in_real_time_each_robot_follows_its_own_person_and_obeys_its_own_commands(stack):
+    running = stack(CONVOY, "sim.speed=2", "target.path.start_after_s=0.5")
+    robots, persons = (
+        {name: Newest(running.bus, keys.of_robot(topic, name)) for name in running.scenario.names}
+        for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM)
+    )
+    running.start()
+    running.wait(lambda: all(of.message and of.pose.x > 1.0 for of in persons.values()))
+    for name, person in persons.items():
+        # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off
+        assert robots[name].pose.distance(person.pose) == pytest.approx(1.0, abs=0.1)
+    assert running.call(keys.SIM_RESET, ResetRequest(seed=9)).seed == 9
+    running.wait(lambda: all(of.stamp.seed == 9 for of in (*robots.values(), *persons.values())))
+    with closing(ZenohBus(running.scenario.bus, "client")) as tool:
+        diagnostics = Diagnostics(tool)
+        diagnostics.status()
+        wait(tool, lambda: {"two/follower", "physics"} <= diagnostics.reports.keys())
+        status = diagnostics.status()
+    assert {"physics", "one/follower", "two/follower"} <= status.services.keys()
+    assert {of.state for name, of in status.services.items() if name != "test"} >= {"ready"}
+    assert "two/joint_command" in status.services["physics"].inputs
+    drive = ("pub", join_key("cmd_vel", "one"), '{"linear":{"x":-0.3}}', "--rate", 50)
+    hand = Command(*tools(running.scenario.bus), *drive)
+    running.wait(lambda: robots["one"].message.twist.twist.linear.x < -0.1)
+    assert robots["two"].message.twist.twist.linear.x > -0.05  # it drives that one alone
+    hand.end()
+    live = here(*tools(running.scenario.bus), "topics", "--live").stdout
+    # the row of odom has the rate of each robot, in lines of its own
+    row = live[live.index("│ odom") :][: 2 * len(live.splitlines()[0]) + 2]
+    assert re.search(r"│ one [1-9]\d* *│.*│ two [1-9]\d* *│", row, re.DOTALL)

@@ -5,7 +5,7 @@ import doctest
 import numpy as np
 import pytest
 from harness import SCENARIOS, error_of
-from mecazen import Simulation
+from mecazen import Simulation, geometry, keys, robots, wire
 from mecazen.errors import ConfigError
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.urdf import ask_description, read
@@ -101,8 +101,11 @@ def test_a_command_goes_to_the_renamed_key_and_the_guard_obeys_it():
         assert sim.run().robot_twist.yaw == pytest.approx(0.5, abs=0.05)  # as without new names
 
 
-def test_the_examples_in_the_docstrings_are_true():
-    assert doctest.testmod(simulation).failed == 0
+@pytest.mark.parametrize("module", [geometry, keys, robots, simulation, wire])
+def test_the_examples_in_the_docstrings_are_true(module):
+    result = doctest.testmod(module)
+    assert result.attempted > 0
+    assert result.failed == 0
 
 
 BOX = {"kind": "box", "size_m": [0.4, 0.4, 0.8], "position_m": [2.5, 0.0]}
