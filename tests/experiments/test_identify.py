@@ -337,7 +337,6 @@ def test_csv_columns_are_read_by_name_and_times_since_1970(tmp_path):
     ("change", "message"),
     [
         (lambda r: {"wheels": r.wheels[:, [1, 0, 2, 3]]}, "do not explain the reference's motion"),
-        (lambda r: {"wheels": -r.wheels}, "do not explain"),
         (lambda r: {"wheels": r.wheels * [1, -1, 1, 1]}, "do not explain"),
         (lambda r: {"wheels": np.degrees(r.wheels)}, "wheels of radius 0.00052"),
         (lambda r: {"poses": r.poses * [1, 1, 57.3]}, "do not explain"),
@@ -379,20 +378,14 @@ def odometry_s(reference, odometry):
         (session((4, 7, None)), "number of columns changed from 8 to 7 at row 5"),
         (session((4, 2, "x")), "could not convert string 'x' to float64 at row 4, column 3"),
         (session((4, 2, "nan")), "pose of sample 5 is not a finite number; 1 of 100"),
-        (session((4, 7, "inf")), "wheels of sample 5 is not a finite number; 96 of"),
         (session((4, 0, 0.0)), "time must increase, but sample 5 is at 0 s after 0.03"),
         (session((None, 3, lambda k: 179 - 359 * (k % 2))), "yaw jumps by 360: it must be in rad"),
         (session((None, 0, lambda k: 10 * k)), "every 10 s; at most 0.25 s is allowed, with time"),
         (text([[0.01 * k, *[0.0] * 7] for k in range(20)]), "has 20 samples; at least 50 are"),
-        (text([]), "must have rows with 8 columns"),
         ({}, "no session: a folder with metadata.csv"),
         ({"metadata.csv": b"a,b\n"}, r"no run-\*\.csv"),
         ({"metadata.csv": b"a,b\n", "run-01.csv.gz": b"\x1f\x8b\x08garbage"}, "can't be read"),
         (odometry_s(100, 10), "durations of run 1: .* is 10; it"),
-        (odometry_s(10, 0), "durations of run 1"),
-        ({"drive.csv": b"time_s,x\n0,1\n"}, r"drive\.csv: column x has no unit: name it x_m"),
-        ({"drive_0.db3": b"SQLite\0\xff"}, r"drive_0\.db3: can't be read as a recording of ROS 2"),
-        ({"empty.mcap": b""}, r"empty\.mcap: not an MCAP file"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, files, message):

@@ -26,7 +26,7 @@ def test_an_interval_is_that_of_student():
     assert (interval.low, interval.high) == pytest.approx((3.0 - half, 3.0 + half), abs=1e-3)
 
 
-@pytest.mark.parametrize("n", range(2, 31))
+@pytest.mark.parametrize("n", [2, 3, 30])
 def test_95_of_100_intervals_hold_the_true_mean(n):
     draws = np.random.default_rng(n).normal(2.0, 1.0, (6000, n)).tolist()
     held = [interval.low <= 2.0 <= interval.high for interval in map(mean_interval, draws)]

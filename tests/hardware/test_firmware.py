@@ -2,11 +2,10 @@
 
 import math
 import struct
-from itertools import pairwise
 
 import pytest
 import serial
-from hardware.stand import emulated, frame, until
+from hardware.stand import frame
 from harness import SCENARIOS
 from mecazen.errors import MecazenError
 from mecazen_hardware.emulator.firmware import CYCLE_MS, Firmware, Instruments
@@ -155,39 +154,6 @@ def test_duty_drives_the_robot_and_costs_voltage():
     for _ in range(100):
         world.step([0.7, 0.7, -0.7, -0.7])  # m1 and m2 are on the left: it turns to the right
     assert world.measured.attitude[2] < -0.1
-
-
-def test_vendors_frames_drive_the_board():
-    """The bytes are those that the vendor's library was seen to send."""
-    with emulated() as emulator, serial.Serial(emulator.line.name, 115200, timeout=1.0) as port:
-        port.write(bytes.fromhex("FFFC04220127"))  # its constructor's first frame
-        until(lambda: emulator.firmware.taken == 1)
-        port.write(bytes.fromhex("FFFC0A1201F40106FFE80302"))  # 0.5 m/s, -0.25 m/s, 1 rad/s
-        turn = 164.555
-        goal = [750 - turn, 250 - turn, 250 + turn, 750 + turn]
-        until(lambda: emulator.firmware.goal == pytest.approx(goal))
-        kinds, counts = set(), []
-        while len(counts) < 20:
-            kind, payload = receive_as_vendor(port)
-            kinds.add(kind)
-            if kind == 0x0D:
-                counts.append(struct.unpack("<4i", payload))
-        assert {0x0A, 0x0E, 0x0C, 0x0D} <= kinds
-        assert all(after >= before for before, after in pairwise(count[3] for count in counts))
-        assert counts[-1][3] > counts[-1][1] > 0
-        port.write(bytes.fromhex("FFFC040F5F72"))  # reset of the state
-        until(lambda: not any(emulator.firmware.goal))
-
-
-def receive_as_vendor(port):
-    """Read a report in the way of the vendor's library: byte by byte, a wrong sum is dropped."""
-    while True:
-        if port.read(1) != b"\xff" or port.read(1) != b"\xfb":
-            continue
-        length, kind = port.read(2)
-        payload = port.read(length - 2)
-        if (length + kind + sum(payload[:-1])) % 256 == payload[-1]:
-            return kind, payload[:-1]
 
 
 def test_a_line_carries_bytes_unchanged_and_without_echo():

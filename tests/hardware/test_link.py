@@ -139,10 +139,6 @@ def error(kind=HardwareError, **settings):
 
 def test_what_can_not_be_opened_is_one_line(monkeypatch, tmp_path):
     monkeypatch.setattr("mecazen_hardware.link.BUSY_FOR_S", 0.1)
-    (tmp_path / "file").touch()
-    assert "/dev/ttyUSB77: no such port; ports here: " in error(port="/dev/ttyUSB77")
-    assert "not a serial port" in error(port=str(tmp_path / "file"))
-    assert "no board 'x3': rosmaster_x3, or " in error(ConfigError, board="x3")
     assert "no board 'math:pi': " in error(ConfigError, board="math:pi")
     assert "none.py: can't be imported" in error(ConfigError, board="/none.py:MyBoard")
     with emulated() as emulator, linked(emulator):

@@ -164,7 +164,6 @@ def without(part):
     return lambda points: {name: places for name, places in points.items() if part not in name}
 
 
-LEAN = np.array([[1.0, 0.0, 0.0], [0.0, 0.7071, 0.7071], [0.0, -0.7071, 0.7071]])
 WRONG = {
     "no ankle": (
         without("Ankle"),
@@ -177,7 +176,6 @@ WRONG = {
     ),
     "short": (mapped(lambda p: p[150:200]), "(gait cycle .* lasts|person for 1 s, shows) 0.5 s"),
     "upside down": (mapped(lambda p: p * [1, -1, -1]), "must have x, y or z point up"),
-    "leaning": (mapped(lambda p: p @ LEAN), "must have x, y or z point up"),
     "two people": (
         lambda points: {**points, "B:LKnee": points["LKnee"]},
         "LKnee, B:LKnee; export a",
@@ -248,7 +246,6 @@ def test_recorded_people_are_walked_along_a_path(name, speed, period, most):
     [
         ("a.fbx", "", "must end in one of .c3d, .mot, .trc"),
         ("a.trc", "", "no TRC file .it ends early"),
-        ("a.trc", "1\n2\n", "no TRC file"),
         ("a.mot", "time\n", "no MOT file"),
         ("a.mot", f"{MOT}0.02 1 1\n", "a row has 3 instead of 8 numbers"),
         ("a.mot", f"{MOT}{ROW}", "its times must increase"),

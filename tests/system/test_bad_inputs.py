@@ -81,7 +81,6 @@ BAD = [
     # settings
     setting("physics.dt_s=0.0019", "sim.tick_s", "nearest: 0.0016666666666666668, 0.002"),
     setting("follower.estimator=magic", "magic", "kf_cv"),
-    setting("follower.priorities=[1,", "follower.priorities", "not TOML"),
     setting("follower.bearing_deg=30", "bearing_deg and heading_deg"),
     setting("follower.lost_after_s=0.05", "coast_after_s"),
     setting("target.path.file=x.csv", "x.csv", scenario="pedestrian"),
@@ -90,12 +89,9 @@ BAD = [
     setting("services=['physics','pilot']", "pilot", "nodes: body"),
     setting("processes=[['physics','viewer']]", "viewer"),
     setting("controller.command_key=robot/*", "controller.command_key"),
-    setting("controller.command_key=guard/cmd_vel", "command_key", "the key of another topic"),
-    setting("controller.odometry_key=sim/pause", "odometry_key", "the key of another topic"),
     setting("controller.odometry=imu", "controller.odometry", "ground_truth"),
     setting("controller.odom_frame_id=base_link", "must differ from base_frame_id"),
     setting("controller.limits.x.max_velocity_m_s=0.0", "max_velocity_m_s", "> 0"),
-    setting("controller.limits.yaw.max_velocity_rad_s=nan", "max_velocity_rad_s"),
     setting("robot.wheels.wiring=[1,2,3,3]", "wheels.wiring", "1 to 4"),
     setting("controller.odometry_scale.y=-1.0", "odometry_scale.y", "> 0"),
 ]
