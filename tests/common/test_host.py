@@ -1,24 +1,32 @@
-"""The nodes of a service on a bus: the inputs of each step, and the use of its outputs."""
+"""The nodes of a service on a bus: inputs, outputs and health; and what an observer hears."""
 
 import math
 import re
 
 import msgspec
 import pytest
-from harness import Rig, error_of
+from harness import Rig, error_of, forward
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus import Bus
+from mecazen.bus import Bus, StoppedError
 from mecazen.config import SimConfig
 from mecazen.errors import BusError, ConfigError, NodeError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.keys import CMD_VEL, OBSERVATION, ODOM, TARGET_CMD_VEL
+from mecazen.keys import (
+    CLOCK,
+    CMD_VEL,
+    JOINT_STATES,
+    OBSERVATION,
+    ODOM,
+    TARGET_CMD_VEL,
+    diagnostics,
+)
 from mecazen.loading import load_scenario
-from mecazen.node import Inputs
+from mecazen.messages import Clock, JointState
 from mecazen.row import Row, due, every, latest
 from mecazen.runtime.host import Host, part_of
 from mecazen.wire import Stamp
-from toys import Toy
+from toys import Toy, Watcher
 
 PLACE, SILENT = (
     keys.Call(f"toy/{name}", m.OdometryRequest, m.Odometry, "") for name in ("place", "silent")
@@ -96,21 +104,6 @@ def change(rig, tick, run=1, **settings):
 def steps(rig, column):
     """Return a column of the steps so far: 0 tick, 1 period, 2 and 3 ages, 4 parameter."""
     return [event[column] for event in rig.node.events if len(event) == 5]
-
-
-def test_inputs_have_ages_from_the_step_they_were_meant_for():
-    samples = {ODOM: m.Odometry(), keys.LEGS: m.Observation(), CMD_VEL: m.Twist()}
-    known_ns = dict.fromkeys((ODOM, OBSERVATION, CMD_VEL), 10000000)
-    inputs = Inputs(samples, known_ns, 30_000_000, {keys.LEGS: 20_000_000})
-    inputs.refuse(CMD_VEL, "backwards")  # as if it never came
-    topics = (ODOM, OBSERVATION, CMD_VEL, keys.LEGS, keys.GROUND_TRUTH)
-    assert [inputs.age_s(topic) for topic in topics] == [0.0, 0.02, 0.02, 0.01, math.inf]
-    assert [inputs.gap_s(topic) for topic in topics] == [0.02, 0.02, 0.02, math.inf, math.inf]
-    assert inputs.get(CMD_VEL) is inputs.get(OBSERVATION) is None
-    with pytest.raises(KeyError):
-        inputs[CMD_VEL]
-    assert inputs.refused == [(CMD_VEL, "backwards")]
-    assert CMD_VEL in samples  # which other nodes have too
 
 
 def test_a_step_has_its_tick_its_period_and_the_ages_of_its_inputs(rig):
@@ -283,3 +276,93 @@ def test_a_part_belongs_to_a_robot_unless_all_robots_share_it(write_scenario):
         part_of("target", scenario, "")
     with pytest.raises(ConfigError, match=r"^--robot one: there is one physics for all robots$"):
         part_of("physics", scenario, "one")
+
+
+TICK_NS = 10_000_000
+
+
+class Viewer(Watcher):
+    TOPICS = (CMD_VEL, JOINT_STATES, CLOCK)
+
+
+@pytest.fixture
+def viewer(bus, scenario):
+    return Viewer(bus, scenario)
+
+
+@pytest.fixture
+def reports(bus, viewer):
+    """Return the list of health reports: each status, with its values as a table."""
+    reports = []
+
+    def on_report(array, stamp):
+        assert array.header.stamp == stamp.time
+        (status,) = array.status
+        assert status.name == viewer.name
+        reports.append((status, {pair.key: pair.value for pair in status.values}))
+
+    bus.subscribe(diagnostics("toy"), on_report)
+    return reports
+
+
+def at(tick, run=1, seed=9):
+    return Stamp(tick * TICK_NS, run, seed)
+
+
+def test_neither_ended_runs_nor_open_topics_begin_a_run(viewer, bus, put):
+    for run in (1, 2, 3):
+        put(CLOCK, Clock(), at(2, run=run, seed=run))
+    # a new run resets before its first sample
+    assert viewer.events[-2:] == [3, (Clock(), at(2, run=3, seed=3))]
+    viewer.events.clear()
+    for run in (0, 1, 2):
+        put(JOINT_STATES, JointState(), at(100, run=run))
+    for run in (0, 1, 2, 3, 4):
+        put(CMD_VEL, forward(0.2), at(3, run=run))
+    bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    put(JOINT_STATES, JointState(), at(1, run=3))
+    late = (JointState(), at(1, run=3))
+    assert viewer.events == [(forward(0.2), at(3, run=3)), (forward(0.3), None), late]
+    assert viewer.stamp == at(2, run=3, seed=3)
+    bus.stop()
+    with pytest.raises(StoppedError):
+        viewer.run()
+
+
+def test_refused_payloads_unknown_fields_and_restarts_are_reported(bus, put, reports):
+    for alive in (True, False, True):
+        bus.presence.update("controller", alive=alive)
+        bus.presence.update("tool", alive=alive)
+    put(CLOCK, Clock(), at(0))
+    for key in ("cmd_vel", "cmd_vel", "joint_states"):
+        bus.put_bytes(key, b"x")
+    put(CLOCK, Clock(), at(100))
+    bus.put_bytes("cmd_vel", b'{"linear":{"x":1},"angluar":{}}')
+    put(CLOCK, Clock(), at(0, run=2))
+    (well, values), (refused, counts), (ignored, fields) = reports
+    assert (well.level, well.message) == (0, "ok")
+    # of services, not of tools
+    assert values == {"runs": "1", "refused_payloads": "0", "restarts/controller": "1"}
+    assert (refused.level, refused.message) == (1, "refused payloads")
+    names = ("refused_payloads", "refused/cmd_vel", "refused/joint_states")
+    assert [counts[name] for name in names] == ["3", "2", "1"]
+    assert ignored.level == 1
+    hint = "angluar is ignored; did you mean angular? allowed: linear, angular"
+    assert fields["ignored/cmd_vel"] == hint
+
+
+def test_rates_and_ages_of_inputs_are_reported(bus, put, reports):
+    for tick in range(301):
+        put(CLOCK, Clock(), at(tick))
+        if 100 <= tick < 200 and tick % 4 == 0:
+            put(CMD_VEL, forward(0.1), at(tick))
+        if tick == 250:
+            bus.put_bytes("cmd_vel", b"{}")  # is as old as the tick in which it came
+    columns = {key: [values.get(key) for _, values in reports] for key in reports[-1][1]}
+    assert columns["hz/clock"] == [None, "100.0", "100.0", "100.0"]
+    assert columns["hz/cmd_vel"] == [None, "0.0", "25.0", "1.0"]
+    assert columns["age_s/cmd_vel"] == [None, "never", "0.04", "0.5"]
+    for tick in range(101):  # a new run begins with inputs that never came
+        put(CLOCK, Clock(), at(tick, run=2))
+    values = reports[-1][1]
+    assert (values["hz/cmd_vel"], values["age_s/cmd_vel"]) == ("0.0", "never")

@@ -23,13 +23,6 @@ def frames(sensor: Sensor, count: int, per_frame: int = 4) -> list[SensorFrame]:
     return [frame for frame in seen if frame is not None]
 
 
-def test_tick_that_never_came_is_not_seen():
-    eye = sensor(**PERFECT, latency_s=0.02)
-    for tick in (0, 1):
-        eye.observe(tick, ROBOT, PERSON)
-    assert eye.observe(5, ROBOT, PERSON) == SensorFrame(3, None)
-
-
 @pytest.mark.parametrize(
     ("bearing_deg", "distance", "settings", "reason"),
     [

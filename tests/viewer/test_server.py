@@ -1,5 +1,6 @@
-"""Rerun as a child process: attaching at any time, ports, memory, and its end."""
+"""Runs become recordings, and Rerun as a child process: attaching, ports, memory, and its end."""
 
+import logging
 import os
 import select
 import socket
@@ -7,29 +8,40 @@ import subprocess
 import sys
 import urllib.request
 from contextlib import closing
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
 import pytest
 import rerun as rr
-from harness import error_of
-from mecazen.config import ViewerConfig
+from harness import error_of, load_robot
+from hostile import forged
+from mecazen import messages as m
+from mecazen.config import Scenario, ViewerConfig
+from mecazen.errors import ConfigError, RefusedError
+from mecazen.geometry import Pose2D, Twist2D
+from mecazen.robot import WHEEL_JOINTS
+from mecazen.urdf import RobotDescription, serve_description
+from mecazen.wire import Stamp, encode
+from mecazen_tools.cli.view import view
 from mecazen_viewer.rerun_process import RerunError, RerunServer
-from mecazen_viewer.service import MEMORY_LIMIT
+from mecazen_viewer.service import MEMORY_LIMIT, draw
 from rerun.experimental import ViewerClient, ViewerState
-from viewer_stage import Stage, paths_of
+from viewer.drawing import Content, following, odometry, report
+from viewer_stage import COVARIANCE, URDF, Stage, paths_of
 
 ANYWHERE = ViewerConfig(web_port=0, data_port=0)
 GUARD = 200
 """Questions to a viewer that are answered one after the other: only a hang needs so many."""
 
 
-def wait(viewer: ViewerClient, recordings: int) -> ViewerState:
-    """The state of a viewer once it shows so many recordings, and all that they have."""
+def wait(viewer: ViewerClient, recordings: int, end_ns: int) -> ViewerState:
+    """The state of a viewer once it shows a number of recordings, the last one up to a time."""
     for _ in range(GUARD):
         state = viewer.get_state()
         viewer.take_screenshot()  # which takes a frame, so this is no busy wait
-        if len(state.recordings) == recordings and all(r.timelines for r in state.recordings):
+        ends = [timeline.end for shown in state.recordings for timeline in shown.timelines]
+        if len(state.recordings) == len(ends) == recordings and end_ns in ends:
             return state
     raise AssertionError(f"never {recordings} recordings: {state}")
 
@@ -41,16 +53,16 @@ def test_late_viewer_sees_all_robots_and_runs(attach):
         stage.play(run=1, ticks=150)
         stage.viewer.recording.flush(timeout_sec=10.0)
         attach.open(server.uri)
-        state = wait(attach, 1)
+        state = wait(attach, 1, end_ns=1_490_000_000)
         assert not any(view.reports for view in state.views)
         (timeline,) = state.recordings[0].timelines
-        assert (timeline.name, timeline.start, timeline.end) == ("sim_time", 0, 1_490_000_000)
+        assert (timeline.name, timeline.start) == ("sim_time", 0)
         paths = paths_of(attach, *state.recordings)
         for path in ("world/{}/robot/wheel", "world/{}/odom/estimate", "plots/{}/distance"):
             assert {f"/{path.format(robot)}" for robot in ("one", "two")} <= paths
         stage.play(run=2, ticks=50)
         stage.viewer.recording.flush(timeout_sec=10.0)
-        assert wait(attach, 2).active_recording.endswith(":00000002")
+        assert wait(attach, 2, end_ns=490_000_000).active_recording.endswith(":00000002")
         stage.viewer.end()
 
 
@@ -71,11 +83,6 @@ def test_taken_port_is_named_in_one_line(key):
         config = ViewerConfig(**{"web_port": 0, "data_port": 0, key: port})
         error = error_of(RerunError, lambda: RerunServer(config))
     assert error.startswith(f"viewer.{key} = {port}: address already in use")
-
-
-def test_invalid_address_is_named():
-    with pytest.raises(RerunError, match="invalid value 'nowhere'"):
-        RerunServer(ViewerConfig(listen="nowhere"))
 
 
 def test_killed_server_is_one_line():
@@ -136,3 +143,97 @@ def test_memory_is_bounded_over_long_and_many_runs():
             stage.play(run, ticks=2)
         assert memory_mb(stage) - first < 120.0  # a run leaves what of it never changes
         stage.viewer.end()
+
+
+DAMAGED_MS = 200
+POSE = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0, 2.0, 3.0)), COVARIANCE)
+GOOD = {
+    "ground_truth/odom": (odometry(Pose2D(1.0, 2.0, 3.0)),),
+    "odom": (odometry(Pose2D(1.0, 2.0, 3.0)),),
+    "target/odom": (odometry(Pose2D(1.0, 2.0, 3.0)),),
+    "joint_states": (m.JointState(name=WHEEL_JOINTS, position=(1.0,) * 4, velocity=(1.0,) * 4),),
+    "target/observation": (m.Observation(poses=(POSE,)),),
+    "follower/state": (following(Pose2D(1.0), Pose2D(2.0)),),
+    "guard/state": (m.GuardState(state="stop", reason="something is 0.30 m ahead"),),
+    "cmd_vel": (m.Twist.planar(Twist2D(1.0, 2.0, 3.0)),),
+    "diagnostics/physics": (report("physics", rtf="1"),),
+}
+
+
+def test_each_run_is_one_recording():
+    stage = Stage()
+    stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    assert stage.shown == []  # an unstamped command begins no run
+    stage.play(run=0xABC, ticks=3)
+    stage.bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
+    stage.play(run=0xDEF, ticks=3)
+    stage.play(run=0xABC, ticks=2, begin=3)
+    assert stage.shown == ["00000abc", "00000def"]
+
+
+def test_missing_robot_description_is_one_line(caplog):
+    stage = Stage(described=False, robots=("one", "two"))
+    serve_description(stage.bus, "one", RobotDescription(URDF, {}))
+    with caplog.at_level(logging.WARNING):
+        stage.play(run=1, ticks=20)
+    assert [record.getMessage() for record in caplog.records] == [
+        "msg='no picture of two: two/robot_description: nobody answers'"
+    ]
+    assert stage.memories[-1].num_msgs() > 0
+
+
+@forged(GOOD, max_examples=40)
+def test_viewer_survives_hostile_samples(wrong):
+    stage = Stage()
+    assert "physics" in Scenario(robot=stage.viewer.scenario.robot).services
+    for put in wrong:
+        stage.bus.put_bytes(*put)
+    stage.play(run=4711, ticks=1)
+    assert stage.viewer.stamp.run == 4711
+
+
+def recording_of(*rows: tuple[int, int | None]) -> SimpleNamespace:
+    """A recording of the robot's poses at times [ms] of runs; None is before the first run."""
+    decoded: list[tuple[int, int | None]] = []
+
+    def sample(ms: int, run: int | None) -> SimpleNamespace:
+        stamp = None if run is None else Stamp(ms * 10**6, run, 3)
+
+        def publish() -> tuple[bytes, str, bytes | None]:
+            decoded.append((ms, run))
+            if ms == DAMAGED_MS:
+                raise RefusedError("ends early")
+            return encode(odometry(Pose2D())), "application/json", stamp and stamp.pack()
+
+        return SimpleNamespace(
+            key="ground_truth/odom", stamp=stamp, time_ns=ms * 10**6, as_published=publish
+        )
+
+    return SimpleNamespace(
+        path="run.mcap",
+        decoded=decoded,
+        samples=lambda: (sample(*row) for row in rows),
+        descriptions=dict,
+        scenario=lambda *_: Scenario(robot=load_robot()),
+    )
+
+
+def test_recorded_runs_become_files_at_the_frame_rate(tmp_path, caplog):
+    ticks = [(10 * tick, 1) for tick in range(10)]
+    recording = recording_of((0, None), *ticks, (DAMAGED_MS, 1), (0, 2))
+    files = draw(recording, tmp_path)
+    counts = [len(Content(file).all("world/robot", "Transform3D:translation")) for file in files]
+    assert counts == [3, 1]  # 30 a second: every fourth of those each 10 ms
+    # decoding takes the most time
+    assert recording.decoded == [(0, 1), (40, 1), (80, 1), (DAMAGED_MS, 1), (0, 2)]
+    assert "msg=refused key=ground_truth/odom count=1 reason='ends early'" in caplog.text
+
+
+def test_files_that_are_not_recordings_are_refused(tmp_path):
+    text = tmp_path / "text.mcap"
+    text.write_text("hello")
+    missing = tmp_path / "missing.rrd"
+    for file, reason in ((text, "not an MCAP file"), (missing, "no such file")):
+        assert error_of(ConfigError, lambda file=file: view(file)) == f"{file}: {reason}"
+    empty = recording_of((0, None))
+    assert error_of(ConfigError, lambda: draw(empty, tmp_path)) == "run.mcap: holds no run"
