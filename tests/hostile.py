@@ -84,7 +84,7 @@ ATTACHMENTS = (
 """No stamps, and stamps of any tick of any run, of which the later half is never used."""
 
 
-def forged(good: Mapping[str, Sequence[Message]], max_examples: int = 120) -> Callable[[Any], Any]:
+def forged(good: Mapping[str, Sequence[Message]], max_examples: int = 20) -> Callable[[Any], Any]:
     """Test with `wrong` payloads on the keys of `good`, with stamps of any tick and run.
 
     The payloads are made from the messages of `good`; some are extreme but right. An example has up

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from follower.rooms import DRIVE
-from hypothesis import assume, example, given
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from mecazen.config import FollowerConfig
 from mecazen.config.follower import Gains, PidControl, PolarControl
@@ -76,6 +76,7 @@ def test_robot_at_its_goal_moves_with_the_goal(standoff, person, velocity):
     assert twist == pytest.approx(wanted, abs=1e-9)
 
 
+@settings(max_examples=25)
 @given(st.floats(1.0, 3.0), angles, angles)
 @example(2.0, 0.0, math.pi)
 def test_robot_reaches_its_goal_around_the_person(distance, bearing, yaw):

@@ -177,15 +177,19 @@ def motions(number, start_after_s=0.0):
     return [path.at(start_after_s + 0.1 * k) for k in range(round(SECONDS / 0.1))]
 
 
-def test_a_number_is_a_walker():
-    assert motions(3) == motions(3)
+@pytest.fixture(scope="module")
+def walks():
+    return [motions(number) for number in WALKERS]
+
+
+def test_a_number_is_a_walker(walks):
+    assert motions(3) == walks[3]
     # the start shifts the cells of 5 ms by its rounding
-    assert motions(3, 1.0)[-1].pose == pytest.approx(motions(3)[-1].pose, abs=1e-3)
-    ends = {motions(number)[-1].pose for number in WALKERS}
-    assert len(ends) == len(WALKERS)
+    assert motions(3, 1.0)[-1].pose == pytest.approx(walks[3][-1].pose, abs=1e-3)
+    assert len({walk[-1].pose for walk in walks}) == len(WALKERS)
 
 
-def test_walkers_do_all_that_people_do():
+def test_walkers_do_all_that_people_do(walks):
     kinds, speeds, turns = set(), [], []
     for number in WALKERS:
         character, plan = walker(number)
@@ -196,7 +200,7 @@ def test_walkers_do_all_that_people_do():
             if segment.kind in (Kind.BEND, Kind.WINDING_WAY):
                 assert abs(forward / turn) >= LEAST_RADIUS_M - 1e-12
             turns.append(turn)
-        speeds += [math.hypot(*motion.twist[:2]) for motion in motions(number)]
+        speeds += [math.hypot(*motion.twist[:2]) for motion in walks[number]]
     assert kinds == set(Kind)
     assert {np.sign(turn) for turn in turns} == {-1.0, 0.0, 1.0}
     assert min(speeds) < 0.02

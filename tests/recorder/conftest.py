@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
-from harness import Command, mecazen, wait
+from harness import Command, here, wait
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.keys import topic_of
@@ -78,7 +78,7 @@ class Net:
         return self.commands[-1]
 
     def run(self, *arguments: object) -> Any:
-        return mecazen(*self.tools, *arguments)
+        return here(*self.tools, *arguments)
 
     def publish(self, ticks: Sequence[int], **run: int) -> None:
         """Publish some ticks, with a stamp each."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from harness import SCENARIOS, Command, assert_one_line, load_robot, mecazen
+from harness import SCENARIOS, Command, assert_one_line, here, load_robot
 from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import RecorderConfig, Scenario
@@ -82,7 +82,7 @@ def test_recorded_replay_equals_the_recording(net, tmp_path):
     assert "22 samples" in net.run("replay", first, "--speed", 100).stdout
     finish(net, recorder, second, 22)
     assert samples(second) == expected
-    info = msgspec.json.decode(mecazen("info", first, "--json").stdout)
+    info = msgspec.json.decode(here("info", first, "--json").stdout)
     assert (info["count"], info["is_cut_off"]) == (22, False)
     assert {k["key"]: k["gaps"] for k in info["keys"]}["two/odom"] == 0
 
@@ -108,7 +108,7 @@ def test_after_sigkill_all_that_was_flushed_is_read(net, tmp_path):
     published = [(stamp_of(n), key) for n in range(40) for key in tick(0)]
     assert len(kept) >= 20 * PER_TICK
     assert [(sample.stamp, sample.key) for sample in kept] == published[: len(kept)]
-    done = mecazen("info", path, "--json")
+    done = here("info", path, "--json")
     assert_one_line(done, 0, "the end of the file is missing")
     assert msgspec.json.decode(done.stdout)["count"] == len(kept)
 
@@ -205,7 +205,7 @@ def test_info_has_counts_rates_gaps_robots_and_seeds(tmp_path):
     assert (odom.key, odom.type) == ("two/odom", "nav_msgs/msg/Odometry")
     assert (info.count, info.is_cut_off, info.duration_s) == (25, False, pytest.approx(0.29))
     assert [(r.run, r.seed, r.robots) for r in info.runs] == [(7, 3, ("one", "two")), (8, 11, ())]
-    assert r"my/[/key]\u001b[2J" in mecazen("info", path).stdout
+    assert r"my/[/key]\u001b[2J" in here("info", path).stdout
 
 
 def test_the_service_records_the_services_of_its_scenario(program, tmp_path):
