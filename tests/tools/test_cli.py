@@ -12,7 +12,6 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from harness import COMMAND_GUARD_S, command
-from mecazen.messages import Parameter, Parameters
 from mecazen_tools.cli import app, sim, talk
 from typer.testing import CliRunner
 
@@ -50,13 +49,6 @@ def test_the_clock_receives_what_a_command_asks(monkeypatch):
         ("sim/reset", {"seed": 7}),
         ("sim/speed", {"speed": 2.0}),
         ("sim/pause", {}),
-    ]
-    shown = CliRunner().invoke(app.app, ["param", "set", "follower.standoff_m=1.5", "seed = -1"])
-    changes = Parameter(name="follower.standoff_m", value="1.5"), Parameter(name="seed", value="-1")
-    assert requests[-1] == ("sim/set_parameters", Parameters(parameters=changes))
-    assert shown.stdout.splitlines() == [
-        "follower.standoff_m=1.5 from t = 0 s on",
-        "seed=-1 from t = 0 s on",
     ]
 
 
