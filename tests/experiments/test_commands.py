@@ -93,16 +93,23 @@ def held(standing):
     return folder
 
 
-def check(folder):
-    """Check the rows against those of the same study that nothing disturbs."""
-    rows = folder.runs("out.csv")
-    assert [row["seed"] for row in rows] == ["1", "2", "3", "4"]
-    assert len({row["trajectory"] for row in rows}) == 4
-    (folder.path / "experiments.sqlite").unlink()
-    out, errors = finish(start(folder, "--jobs", 1))
-    assert errors == "results: experiments.sqlite and out.csv"
-    assert all(words in out for words in ("Errors", "D_err [m]", "short"))
-    assert folder.runs("out.csv") == rows
+@pytest.fixture
+def check(held, monkeypatch, capsys):
+    """Check the rows against those of the same study that nothing disturbs, in this process."""
+
+    def compare():
+        rows = held.runs("out.csv")
+        assert [row["seed"] for row in rows] == ["1", "2", "3", "4"]
+        assert len({row["trajectory"] for row in rows}) == 4
+        (held.path / "experiments.sqlite").unlink()
+        monkeypatch.chdir(held.path)
+        experiment("run", "study.toml", "--jobs", 1, "--csv", "out.csv")
+        printed = capsys.readouterr()
+        assert printed.err.strip() == "results: experiments.sqlite and out.csv"
+        assert all(words in printed.out for words in ("Errors", "D_err [m]", "short"))
+        assert held.runs("out.csv") == rows
+
+    return compare
 
 
 def stored(file: Path) -> int:
@@ -110,7 +117,7 @@ def stored(file: Path) -> int:
         return database.execute("select count(*) from runs").fetchone()[0]
 
 
-def test_after_ctrl_c_the_same_command_goes_on_from_there(held):
+def test_after_ctrl_c_the_same_command_goes_on_from_there(held, check):
     process = start(held, "--jobs", 2)
     (held.path / "pid").read_text()
     while not stored(held.path / "experiments.sqlite"):
@@ -123,7 +130,7 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(held):
         assert words in errors
     assert 1 <= stored(held.path / "experiments.sqlite") <= 3
     finish(start(held, "--jobs", 2))
-    check(held)
+    check()
 
 
 @pytest.fixture(params=["processes", "Dask"])
@@ -139,11 +146,11 @@ def workers(request):
         yield "--cluster", cluster.scheduler_address
 
 
-def test_a_worker_that_is_killed_loses_nothing(held, workers):
+def test_a_worker_that_is_killed_loses_nothing(held, workers, check):
     process = start(held, *workers)
     os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
     finish(process)
-    check(held)
+    check()
 
 
 def test_a_run_that_kills_its_workers_is_named_and_the_others_are_shown(standing):
