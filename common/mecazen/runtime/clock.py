@@ -345,10 +345,13 @@ class Clock:
     def _await_services(self) -> None:
         awaited = set(self.scenario.services) - {service for service, _ in self.host.parts}
         observers = set() if self.lockstep else awaited & set(OBSERVERS)
-        missing = self._await_ready(awaited - observers, self.scenario.sim.answer_timeout_s)
+        timeout_s = self.scenario.sim.answer_timeout_s
+        missing = self._await_ready(awaited - observers, timeout_s)
         missing += self._await_ready(observers, OBSERVERS_S)
         if missing and self.lockstep:
-            raise StepTimeoutError(f"not there to start with: {', '.join(missing)}")
+            raise StepTimeoutError(
+                f"not there within sim.answer_timeout_s = {timeout_s:g}: {', '.join(missing)}"
+            )
         if missing:
             logger.warning("msg=%r", f"going on without {', '.join(missing)}")
 
