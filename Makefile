@@ -161,7 +161,10 @@ pictures: .venv/developer drawing
 notebook: .venv/developer
 	@.venv/bin/python docs/make_notebook.py
 
-test: test-common test-people test-tools test-gym $(SERVICES:%=test-%) test-experiments test-bench test-system test-ros test-dist docs
+# tests wait for clocks, packages and processes: three jobs keep two cores busy, the longest first
+test:
+	@$(MAKE) -j3 -Otarget test-system test-experiments test-common test-people test-tools test-gym \
+		$(SERVICES:%=test-%) test-bench test-ros test-dist docs
 
 $(BASE:%=test-%): test-%: .venv-base/ready
 	.venv-base/bin/python -m pytest tests/$*
