@@ -57,7 +57,7 @@ RADIUS, LEVER, GAIN = 0.031, 0.22, 0.96
 MOUNTED = 0.01, 0.02, -0.03
 """Misalignment [rad] and offset [m] of the reference."""
 SEEDS = range(1, 1 + int(os.environ.get("MECAZEN_SEEDS", "1")))
-"""All of docs/validation.md: MECAZEN_SEEDS=20."""
+"""Seeds of recordings with motors; MECAZEN_SEEDS sets their number."""
 TICK_S = 0.01
 STEPS = np.loadtxt(ROOT / "examples" / "excitation.csv", delimiter=",", skiprows=1).tolist()
 """A minute of commands that makes all parameters observable: time [s] and twist."""
