@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from mecazen.errors import ConfigError
 from mecazen_tools.statistics import LEAST_UNITS, Interval, mean_interval, show
+from msgspec.structs import replace
 from rich.table import Table as RichTable
 from rich.text import Text
 from scipy.stats import binomtest, chi2
@@ -215,6 +216,9 @@ def _cell(column: Column, name: str, group: pd.DataFrame, unit: Sequence[str], u
         interval = share_interval([mean == 1.0 for mean in means])
     else:
         interval = mean_interval([100.0 * mean for mean in means])
+        if interval.n > 2:  # of two units, the values are shown
+            low, high = max(interval.low, 0.0), min(interval.high, 100.0)
+            interval = replace(interval, low=low, high=high)
     missing = f" n = {interval.n}" if interval.n < units else ""
     return show(interval, digits) + missing + _limit(interval, name, group)
 
