@@ -84,6 +84,7 @@ def health(name: str, settings: tuple[str, ...]) -> tuple[int, str]:
 
 
 def test_without_a_service_the_robot_rests_and_then_follows_again(running):
+    # the target first: a robot that still catches up would touch its person, who stops dead
     for name in ("target", "follower", "controller"):
         running.signal(name, signal.SIGKILL)
         running.wait_for_rest()
