@@ -50,6 +50,7 @@ class Results:
         self.stages: dict[str, Any] = read_toml(self.folder / "stages.toml")
         self.origins: dict[str, Any] = read_toml(self.folder / "origins.toml")
         self.documents = [*sorted((root / "docs").glob("*.md")), root / "README.md"]
+        self._made: dict[str, dict[str, str]] = {}
 
     def words(self, stage: str) -> list[str]:
         """Return the words of a stage's command, with variables of the environment."""
@@ -72,6 +73,11 @@ class Results:
 
     def made(self, stage: str) -> dict[str, str]:
         """Return the tables of a stage in Markdown, by title."""
+        if stage not in self._made:
+            self._made[stage] = self._make(stage)
+        return self._made[stage]
+
+    def _make(self, stage: str) -> dict[str, str]:
         file = self.folder / f"{stage}.csv"
         group, _, name, *_ = shlex.split(self.stages[stage]["command"])
         if group == "identify":
@@ -178,6 +184,7 @@ class Results:
         if _git(self.root, "status", "--porcelain", "--untracked-files=no", "--", ".", *changed):
             commit += "+"
         subprocess.run([sys.executable, "-m", "mecazen_tools", *words], check=True, cwd=self.root)
+        self._made.pop(stage, None)
         figures = {file: _drawn(self.root / file) for file in self.stages[stage].get("figures", ())}
         self.origins[stage] = {
             "commit": commit,

@@ -123,7 +123,7 @@ def put(bus):
 
 @pytest.fixture
 def wall(monkeypatch):
-    """The schedule's wall clock: it stands at 100 s, or goes on by `step_s` with each look."""
+    """The schedule's wall clock: it stands at 100 s, or advances by `step_s` with each look."""
     wall = SimpleNamespace(now=100.0, step_s=0.0)
 
     def monotonic():

@@ -27,9 +27,9 @@ def command() -> list[str]:
     reason = "docker is not installed"
     for arguments in (["docker", "compose"], ["docker-compose"]):
         try:
-            # the second question reaches the engine: Compose tells its version without one
-            for question in ([*arguments, "version"], ["docker", "info"]):
-                subprocess.run(question, capture_output=True, text=True, check=True)
+            # the second probe reaches the engine: Compose shows its version without one
+            for probe in ([*arguments, "version"], ["docker", "info"]):
+                subprocess.run(probe, capture_output=True, text=True, check=True)
         except FileNotFoundError:
             continue
         except subprocess.CalledProcessError as error:

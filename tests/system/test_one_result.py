@@ -107,7 +107,7 @@ def started(stack, *settings):
     services = "services=['physics','controller','target','collector']"
     running = stack(SCENARIOS / "teleop.toml", *settings, "sim.mode=lockstep", services)
     running.launch("physics", "controller", "target")
-    running.bus.close()  # nobody reads it here, and the clock would wait for it
+    running.bus.close()  # the test does not read it, and the clock would wait for it
     return running
 
 

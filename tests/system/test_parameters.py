@@ -61,7 +61,7 @@ def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tic
     running.wait(lambda: "physics" in running.bus.presence.names)
     running.call(keys.SIM_PAUSE, m.Empty())
     running.launch(*services[1:])
-    running.bus.close()  # nobody reads it from now on, and the clock would wait for it
+    running.bus.close()  # the test does not read it from now on, and the clock would wait for it
     begins_s = []
 
     def change():

@@ -158,7 +158,7 @@ class Command(Section, omit_defaults=True):
     key: Key
     """`cmd_vel` has the commands of programs, not those of the scenario's own follower."""
     priority: Annotated[int, msgspec.Meta(ge=1, le=255)] = 100
-    """Of all commands that are not stale, the one of the highest priority is obeyed. The follower
+    """The command of the highest priority is obeyed, among those that are not stale. The follower
     has priority 0."""
     timeout_s: Positive | None = None
     """Simulated time after which a command is stale; left out: reference_timeout_s. A lock that is
@@ -173,7 +173,7 @@ class ControllerConfig(Section):
     command_key: Key = "cmd_vel"
     """Key of the commanded twist, in base_frame_id, for all that publish or receive it."""
     commands: tuple[Command, ...] = (Command(key="cmd_vel"),)
-    """Who may take over from the follower; a key that is left out is not obeyed."""
+    """Sources that may take over from the follower; a key that is left out is not obeyed."""
     reference_timeout_s: Live[Positive] = 0.5
     """Simulated time after which a command is stale and the robot comes to rest."""
     limits: AxisLimits = AxisLimits()

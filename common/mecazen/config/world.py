@@ -264,7 +264,7 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     patches: tuple[Patch, ...] = ()
     """Where patches overlap, the last one applies."""
     added: dict[str, Box | Cylinder | Passerby] = msgspec.field(default_factory=dict)
-    """What `mecazen world` has added while the simulation runs, by name."""
+    """Things that `mecazen world` has added while the simulation runs, by name."""
     person: PersonConfig = PersonConfig()
     """The body of each person that a robot follows."""
 
