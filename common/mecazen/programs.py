@@ -91,7 +91,9 @@ def _import(place: str) -> ModuleType:
         raise ConfigError(f"{place}: must be a regular file, not a device or a pipe")
     try:
         return _from_file(place) if is_file else importlib.import_module(place)
-    except (ImportError, OSError, SyntaxError) as error:
+    except OSError as error:
+        raise ConfigError(f"{place}: can't be imported: {error.strerror}") from None
+    except (ImportError, SyntaxError) as error:
         raise ConfigError(f"{place}: can't be imported: {error}") from None
     except Exception as error:
         raise ConfigError(f"{place}: can't be imported: {explained(error)}") from error
