@@ -4,10 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
+from harness import assert_one_line, here
 from mecazen.errors import ConfigError
 from mecazen.loading import load_table
 from mecazen.robot import Robot
-from mecazen_tools.cli import main
 from mecazen_tools.simulation import Simulation
 
 DESCRIPTIONS = Path(__file__).parent / "robots"
@@ -19,24 +19,21 @@ CONTROLLERS = DESCRIPTIONS / "controllers.yaml"
 
 
 @pytest.fixture
-def robot_import(tmp_path, monkeypatch):
-    """Run `mecazen robot import` in this process; return the path of the file that it writes."""
+def robot_import(tmp_path):
+    """Run `mecazen robot import`; return the path of the file that it writes and the output."""
 
     def run(*arguments):
         file = tmp_path / "robot.toml"
         file.unlink(missing_ok=True)
-        line = ["mecazen", "robot", "import", *map(str, arguments), "-o", str(file)]
-        monkeypatch.setattr("sys.argv", line)
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert bool(ended.value.code) != file.exists()
-        return file
+        done = here("robot", "import", *arguments, "-o", file)
+        assert bool(done.returncode) != file.exists()
+        return file, done
 
     return run
 
 
-def test_a_urdf_with_fixed_wheels(robot_import, capsys):
-    file = robot_import(FIXED)
+def test_a_urdf_with_fixed_wheels(robot_import):
+    file, done = robot_import(FIXED)
     robot = load_table(file, Robot)
     assert robot.name == "fixed_wheels"
     assert robot.wheels.joints == ("fl_joint", "fr_joint", "rl_joint", "rr_joint")
@@ -54,40 +51,40 @@ def test_a_urdf_with_fixed_wheels(robot_import, capsys):
     assert "assumed: as on wheels of 100 mm; N = 9: strafes 2.0 % less" in file.read_text()
     # an optical frame is not a camera
     assert robot.camera is None
-    assert "no camera: scenarios" in capsys.readouterr().out
+    assert "no camera: scenarios" in done.stdout
     with pytest.raises(
         ConfigError, match=r"fixed_wheels has no camera, which sensor.kind = 'body'"
     ):
         Simulation("back", {"robot": file, "sensor.kind": "body"})
 
 
-def test_a_xacro_with_its_controller(robot_import, capsys):
+def test_a_xacro_with_its_controller(robot_import):
     pytest.importorskip("xacrodoc")
-    file = robot_import(XACRO, "--controller", CONTROLLERS, "--set", "rollers.count=10")
+    file, done = robot_import(XACRO, "--controller", CONTROLLERS, "--set", "rollers.count=10")
     robot = load_table(file, Robot)
     assert (robot.wheels.radius_m, robot.rollers.count) == (0.0762, 10)
     assert robot.camera.pitch_deg == pytest.approx(22.918)
     assert (robot.camera.optical_frame, robot.lidar) == ("camera_depth_frame_optical", None)
-    report = capsys.readouterr().out
-    assert "half of the wheel's width: the robot turns 6.2 % less" in report
-    assert "base_frame_offset puts the wheels' centre at (0.2, 0.0) m in base_link" in report
+    assert "half of the wheel's width: the robot turns 6.2 % less" in done.stdout
+    assert "base_frame_offset puts the wheels' centre at (0.2, 0.0) m in base_link" in done.stdout
     assert 'controller.base_frame_id = "base_footprint"' in file.read_text()
-    smaller = load_table(robot_import(XACRO, "--arg", "radius:=0.06"), Robot)
-    assert smaller.wheels.radius_m == 0.06
+    file, _ = robot_import(XACRO, "--arg", "radius:=0.06")
+    assert load_table(file, Robot).wheels.radius_m == 0.06
 
 
-def test_an_sdf_with_its_plugin(robot_import, capsys):
-    robot = load_table(robot_import(SDF), Robot)
+def test_an_sdf_with_its_plugin(robot_import):
+    file, done = robot_import(SDF)
+    robot = load_table(file, Robot)
     assert robot.wheels.joints == ("fl", "fr", "bl", "br")
     assert (robot.wheels.wheelbase_m, robot.wheels.track_m) == (0.4, 0.4)
     assert robot.wheels.centre_m == (-0.1, 0.0)
     assert robot.lidar.position_m == pytest.approx((-0.2, 0.0, 0.2))
     assert robot.lidar.frame == "head"
-    assert "the robot moves 2.0 % less than commanded" in capsys.readouterr().out
+    assert "the robot moves 2.0 % less than commanded" in done.stdout
 
 
-def test_an_mjcf_with_rollers(robot_import):
-    file = robot_import(MJCF)
+def test_an_mjcf_with_rollers_is_drawn_and_follows(robot_import, tmp_path):
+    file, _ = robot_import(MJCF)
     robot = load_table(file, Robot)
     rollers = robot.rollers
     assert (rollers.count, rollers.angle_deg, rollers.arrangement) == (9, 45.0, "X")
@@ -96,18 +93,7 @@ def test_an_mjcf_with_rollers(robot_import):
     assert robot.camera.position_m == pytest.approx((0.16, 0.0, 0.15))
     assert robot.camera.frame == "rgb"
     assert 'controller.base_frame_id = "chassis"' in file.read_text()
-
-
-@pytest.mark.parametrize("description", [FIXED, MJCF])
-def test_a_robot_is_drawn_and_follows(description, robot_import, tmp_path, monkeypatch, capsys):
-    file = robot_import(description)
-    capsys.readouterr()
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["mecazen", "robot", "show", str(file)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
-    report = capsys.readouterr().out
+    report = here("robot", "show", file, folder=tmp_path).stdout
     assert (tmp_path / report.split(":")[0]).stat().st_size
     rows = re.findall(r"(\w+) +│ (\d\.\d+) +│ (\d\.\d+)", report)
     assert [name for name, _, _ in rows] == ["forward", "left", "turn", "diagonal"]
@@ -147,17 +133,12 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("changes", "options", "words"), WRONG)
-def test_a_broken_description_gets_one_line(
-    changes, options, words, robot_import, tmp_path, capsys
-):
+def test_a_broken_description_gets_one_line(changes, options, words, robot_import, tmp_path):
     text = FIXED.read_text()
     for old, new in changes.items():
         assert old in text
         text = text.replace(old, new)
-    (file := tmp_path / "broken.urdf").write_text(text)
-    robot_import(file, *options)
-    report = capsys.readouterr()
-    assert report.out == ""
-    assert report.err.startswith("error: ")
-    assert report.err.count("\n") == 1
-    assert words in report.err
+    (broken := tmp_path / "broken.urdf").write_text(text)
+    _, done = robot_import(broken, *options)
+    assert_one_line(done, done.returncode, "error: ", words)
+    assert done.stdout == ""
