@@ -81,10 +81,7 @@ BAD = [
     # settings
     setting("physics.dt_s=0.0019", "sim.tick_s", "nearest: 0.0016666666666666668, 0.002"),
     setting("follower.estimator=magic", "magic", "kf_cv"),
-    setting("follower.bearing_deg=30", "bearing_deg and heading_deg"),
-    setting("follower.lost_after_s=0.05", "coast_after_s"),
     setting("target.path.file=x.csv", "x.csv", scenario="pedestrian"),
-    setting("services=['physics','evil.py:Evil']", "services", "evil.py:Evil", "A-Za-z"),
     setting("start={x_m=0.1}", "start", "inside the person"),
     setting("services=['physics','pilot']", "pilot", "nodes: body"),
     setting("processes=[['physics','viewer']]", "viewer"),
@@ -92,8 +89,6 @@ BAD = [
     setting("controller.odometry=imu", "controller.odometry", "ground_truth"),
     setting("controller.odom_frame_id=base_link", "must differ from base_frame_id"),
     setting("controller.limits.x.max_velocity_m_s=0.0", "max_velocity_m_s", "> 0"),
-    setting("robot.wheels.wiring=[1,2,3,3]", "wheels.wiring", "1 to 4"),
-    setting("controller.odometry_scale.y=-1.0", "odometry_scale.y", "> 0"),
 ]
 
 

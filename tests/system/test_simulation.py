@@ -37,10 +37,8 @@ def test_the_state_is_that_of_the_tick_and_the_tables_hold_every_tick():
         table = sim.trajectory.to_numpy()
         assert state.time_s == sim.time_s == table["t_s"][-1] == 0.5
         assert len(table) == 51
-        assert state.robot == (
-            table["robot_x_m"][-1],
-            table["robot_y_m"][-1],
-            table["robot_yaw_rad"][-1],
+        assert state.robot == tuple(
+            table[f"robot_{name}"][-1] for name in ("x_m", "y_m", "yaw_rad")
         )
         assert table["tracking"][-1] == state.follower.tracking
         assert np.isnan(table["estimate_x_m"][0]) == (table["tracking"][0] == "waiting")
@@ -95,12 +93,6 @@ def test_renamed_keys_and_joints_are_those_of_all_nodes_and_change_no_trajectory
     assert recompute(Recording(file), "follower").counts["base/cmd"] == 30
 
 
-def test_a_command_goes_to_the_renamed_key_and_the_guard_obeys_it():
-    with Simulation("teleop", RENAMED, duration_s=1.0) as sim:
-        sim.command(wz=0.5)
-        assert sim.run().robot_twist.yaw == pytest.approx(0.5, abs=0.05)  # as without new names
-
-
 @pytest.mark.parametrize("module", [geometry, keys, robots, simulation, wire])
 def test_the_examples_in_the_docstrings_are_true(module):
     result = doctest.testmod(module)
@@ -118,13 +110,12 @@ WALK = {"kind": "straight", "speed_m_s": 0.8, "y_m": 0.3, "yaw_deg": 0.0}
         # the face at 2.3 m is reached at 0.2 m/s, 1 s after the start; checked each 2 cm
         ({"sim.duration_s": 13.0}, "target.path: crosses the box at [2.5, 0] after 12.6 s; "),
         ({"sim.duration_s": 12.0}, ""),  # the run ends before
-        ({"world.obstacles": [{**BOX, "bottom_m": 1.8}]}, ""),  # above the head
         (
             {"target.path": {"kind": "standing"}, "crowd.walkers": [{"path": WALK | {"y_m": 0.1}}]},
             "crowd.walkers.0.path: crosses the box at [2.5, 0] after 2.9 s; ",
         ),
     ],
-    ids=["box", "later", "above", "walker"],
+    ids=["box", "later", "walker"],
 )
 def test_a_path_through_an_obstacle_is_refused(settings, reason):
     settings = {"sim.duration_s": 20.0, "world.obstacles": [BOX], **settings}
