@@ -1,6 +1,5 @@
 """The contract of a bus, for the local one and the one over Zenoh."""
 
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
@@ -120,36 +119,10 @@ def test_a_query_is_answered_refused_or_not_answered(pair):
     text = error_of(BusError, lambda: far.call(keys.SET_ODOMETRY, m.OdometryRequest()))
     assert text.startswith("set_odometry: nobody answers")
 
-
-def test_a_query_may_be_answered_later(zenoh_pair):
-    near, far, replies = zenoh_pair.near, zenoh_pair.far, []
-    near.serve(keys.SIM_RESET, lambda _, reply: replies.append(reply))
-    near.serve(keys.SIM_PAUSE, lambda _, reply: reply.answer(m.SimState(tick=1)))
-    zenoh_pair.link()
-    with zenoh_pair.serving(), ThreadPoolExecutor() as pool:
-        later = pool.submit(far.call, keys.SIM_RESET, keys.SIM_RESET.request())
-        while not replies:
-            assert far.call(keys.SIM_PAUSE, m.Empty()).tick == 1
-        replies.pop().answer(m.SimState(tick=2))
-        assert later.result().tick == 2
-
-
-def test_a_query_that_stays_open_is_an_error(bus):
-    bus.serve(keys.SIM_PAUSE, lambda *_: None)
-    with pytest.raises(BusError, match=r"^sim/pause: not answered$"):
-        bus.call(keys.SIM_PAUSE, m.Empty())
-
-
-def test_unknown_names_are_not_noted_and_returns_are_counted(bus):
-    presence, changes, returned = bus.presence, [], []
-    presence.known = {"target"}
-    presence.on_change.append(lambda: changes.append(1))
-    presence.on_return.append(returned.append)
-    for name in ("stranger", "target"):
-        for alive in (True, True, False, False, True):
-            presence.update(name, alive=alive)
-    assert (presence.names, presence.returns, returned) == ({"target"}, {"target": 1}, ["target"])
-    assert len(changes) == 5
+    near.serve(keys.SIM_PAUSE, lambda *_: None)
+    line = r"^sim/pause: not answered$" if pair.is_local else r"^sim/pause: "
+    with pair.serving(), pytest.raises(BusError, match=line):
+        far.call(keys.SIM_PAUSE, m.Empty(), timeout_s=0.05)
 
 
 def test_an_error_of_a_handler_reaches_the_caller(zenoh_pair):
@@ -158,17 +131,3 @@ def test_an_error_of_a_handler_reaches_the_caller(zenoh_pair):
     zenoh_pair.far.publisher(keys.CMD_VEL).put(forward(0.2), STAMP)
     with pytest.raises(ZeroDivisionError):
         zenoh_pair.settle()
-
-
-def test_a_local_put_delivers_the_object_itself_until_closed(bus):
-    samples, message = [], m.Clock()
-    for name in "ab":
-        bus.subscribe(keys.CLOCK, lambda sample, _, name=name: samples.append((name, id(sample))))
-    publisher = bus.publisher(keys.CLOCK)
-    publisher.put(message, STAMP)
-    assert samples == [("a", id(message)), ("b", id(message))]
-    bus.close()
-    publisher.put(message, STAMP)
-    bus.put_bytes("cmd_vel", b"{}")
-    assert len(samples) == 2
-    assert not bus.refused

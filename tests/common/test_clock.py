@@ -43,16 +43,14 @@ def test_each_tick_is_published_and_moved_by_its_answers():
     assert rig.clock.missed_deadlines == 0
 
 
-@pytest.mark.parametrize(
-    ("silent", "gone"), [("controller", False), ("target", False), ("target", True)]
-)
-def test_in_lockstep_a_silent_service_is_an_error(silent, gone):
+@pytest.mark.parametrize("alive", [True, False])
+def test_in_lockstep_a_silent_service_is_an_error(alive):
     rig = Rig(answer_timeout_s=1e6)  # within one process no wait could be answered
     rig.tick()
-    rig.answer(silent, stamp=rig.clock.stamp._replace(time_ns=0))  # to another tick
-    rig.bus.presence.update(silent, alive=not gone)
-    with pytest.raises(StepTimeoutError, match=rf"^{silent} did not answer tick 1 \(t = 0.01 s\)$"):
-        rig.tick("target" if silent == "controller" else "controller")
+    rig.answer("target", stamp=rig.clock.stamp._replace(time_ns=0))  # to another tick
+    rig.bus.presence.update("target", alive=alive)
+    with pytest.raises(StepTimeoutError, match=r"^target did not answer tick 1 \(t = 0.01 s\)$"):
+        rig.tick("controller")
 
 
 def test_in_real_time_a_run_begins_without_observers(monkeypatch, caplog, wall):
@@ -232,19 +230,6 @@ def test_a_late_schedule_catches_up_within_a_second_or_restarts(wall):
     assert schedule.wait_s(5, answered=True) == pytest.approx(0.005)
 
 
-def test_the_real_time_factor_is_that_of_the_last_second(wall):
-    schedule = Schedule(0.01, speed=2.0)
-    assert schedule.rtf == 0.0
-    wall.now += 0.001  # a fast run in lockstep may end before a second has passed
-    schedule.published(1)
-    assert schedule.rtf == pytest.approx(10.0)
-    for period_s, last, rtf in ((0.01, 102, 1.0), (0.02, 202, 0.5)):
-        for tick in range(last - 100, last):
-            wall.now += period_s
-            schedule.published(tick)
-        assert schedule.rtf == pytest.approx(rtf, abs=0.02)
-
-
 PATIENCE_S = 0.2
 
 
@@ -267,13 +252,6 @@ def test_the_clock_continues_without_a_silent_service_and_waits_for_it_again(
         pace.keep(TICKS_APART)
     pace.keep(TICKS_APART)
     assert len(caplog.messages) == 2
-
-
-def test_the_clock_does_not_wait_for_a_service_that_has_gone(zenoh_pair, pace, caplog):
-    zenoh_pair.near.close()
-    wait(zenoh_pair.far, lambda: "two/recorder/every" not in zenoh_pair.far.presence.names)
-    pace.keep(TICKS_APART)
-    assert not caplog.records
 
 
 class LossyBus(Bus):

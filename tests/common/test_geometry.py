@@ -50,12 +50,6 @@ def test_between_undoes_compose(a, b):
     assert_same(a.compose(a.between(b)), b)
 
 
-def test_a_quarter_circle_ends_to_the_left():
-    # radius v / w = 2: from the origin facing x to (2, 2) facing y
-    pose = Pose2D().integrate(Twist2D(x=1.0, yaw=0.5), math.pi)
-    assert_same(pose, Pose2D(2.0, 2.0, math.pi / 2))
-
-
 @given(poses, twists, st.floats(1e-6, 2.0), st.integers(2, 7))
 def test_integration_in_parts_equals_integration_at_once(pose, twist, dt, parts):
     stepped = pose
@@ -148,6 +142,7 @@ def test_a_history_returns_known_poses_and_interpolates_between_them():
     assert_same(made.at(25 * MS), Pose2D(0.25, -0.75, 1.75))
     pose = history(Pose2D(yaw=math.pi - 0.1), Pose2D(yaw=-math.pi + 0.3)).at(5 * MS)
     assert pose.yaw == pytest.approx(-math.pi + 0.1)  # the shorter way
+    assert history(*line, kept_ms=10).at(0) == line[-1]  # time 0 is no time: the newest
 
 
 @pytest.mark.parametrize(
@@ -161,10 +156,6 @@ def test_a_history_returns_known_poses_and_interpolates_between_them():
 def test_a_time_outside_of_the_history_is_refused(number, kept_ms, time_ns, known):
     with pytest.raises(RefusedError, match=rf"no pose is known of .* s, only of {known}"):
         history(*[Pose2D()] * number, kept_ms=kept_ms).at(time_ns)
-
-
-def test_time_0_is_the_newest_pose():
-    assert history(*[Pose2D(x=float(n)) for n in range(4)], kept_ms=10).at(0) == Pose2D(x=3.0)
 
 
 @given(poses, points)

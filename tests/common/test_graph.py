@@ -53,33 +53,27 @@ def graph_with(scenario, *more, **changes):
 
 
 @pytest.mark.parametrize(
-    ("line", "more"),
+    ("line", "make"),
     [
         (
             "user:follower: in the place of follower it must give cmd_vel, which controller waits",
-            [row("follower", gives=[FOLLOWER_STATE])],
+            lambda: row("follower", gives=[FOLLOWER_STATE]),
         ),
-        ("user:mine: 'a//b' is no key: ", [row("mine", gives=[topic("a//b")])]),
-        ("user:mine: odom is a key of mecazen's own", [row("mine", every(topic("odom")))]),
-        ("user:mine: no input of rule `every`", [row("mine", latest(ODOM), gives=[LOOP])]),
-        ("user:mine: mine needs loop, which no node here gives", [row("mine", every(LOOP))]),
-        ("odometry and mine both give set_odo", [row("mine", calls=(keys.SET_ODOMETRY,))]),
+        ("user:mine: 'a//b' is no key: ", lambda: row("mine", gives=[topic("a//b")])),
+        ("user:mine: odom is a key of mecazen's own", lambda: row("mine", every(topic("odom")))),
+        ("user:mine: no input of rule `every`", lambda: row("mine", latest(ODOM), gives=[LOOP])),
+        ("user:mine: mine needs loop, which no node here gives", lambda: row("mine", every(LOOP))),
+        ("odometry and mine both give set_odo", lambda: row("mine", calls=(keys.SET_ODOMETRY,))),
+        ("row a: outputs: each topic at most once", lambda: row("a", gives=(ODOM, ODOM))),
+        ("row a: rates: 'odom' is no key of its outputs", lambda: row("a", rates={"odom": 1.0})),
+        (
+            "row a: rates: odom must be pos",
+            lambda: row("a", gives=[ODOM], rates={"odom": 0.0}),
+        ),
     ],
 )
-def test_a_wrong_row_in_a_graph_is_one_line(scenario, line, more):
-    assert re.match(line, error_of(ConfigError, lambda: graph_with(scenario, *more)))
-
-
-@pytest.mark.parametrize(
-    ("make", "line"),
-    [
-        (lambda: Row("a", outputs=(ODOM, ODOM)), "row a: outputs: each topic at most once"),
-        (lambda: Row("a", rates={"odom": 1.0}), "row a: rates: 'odom' is no key of its outputs"),
-        (lambda: Row("a", outputs=(ODOM,), rates={"odom": 0.0}), "row a: rates: odom must be pos"),
-    ],
-)
-def test_a_row_that_is_none_is_one_line(make, line):
-    assert re.match(line, error_of(ConfigError, make))
+def test_a_wrong_row_is_one_line(scenario, line, make):
+    assert re.match(line, error_of(ConfigError, lambda: graph_with(scenario, make())))
 
 
 def test_a_user_node_bypasses_no_guard_and_names_no_robot(scenario):
@@ -155,6 +149,15 @@ def test_nodes_of_a_service_share_its_process():
     for nodes in services(GRAPH).values():
         assert len({(row.observes, row.priority) for row in nodes}) == 1
         assert len({row.shared for row in nodes if row.name != "motors"}) == 1
+
+
+def test_every_topic_and_call_is_in_the_table_once():
+    names = [topic.key for topic in keys.TOPICS] + [call.key for call in keys.CALLS]
+    assert len(set(names)) == len(names)
+    for topic in keys.TOPICS:
+        assert keys.resolve(f"two/{topic.key}", keys.TOPICS) == ("two", topic)
+    assert keys.topic_of(keys.diagnostics("physics").key) is keys.DIAGNOSTICS
+    assert keys.topic_of("cmd_vel/more") is None
 
 
 def test_every_topic_and_call_has_one_giver_or_is_open():

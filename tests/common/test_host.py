@@ -8,7 +8,7 @@ import pytest
 from harness import Rig, error_of, forward
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.bus import Bus, StoppedError
+from mecazen.bus import StoppedError
 from mecazen.config import SimConfig
 from mecazen.errors import BusError, ConfigError, NodeError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D
@@ -24,7 +24,7 @@ from mecazen.keys import (
 from mecazen.loading import load_scenario
 from mecazen.messages import Clock, JointState
 from mecazen.row import Row, due, every, latest
-from mecazen.runtime.host import Host, part_of
+from mecazen.runtime.host import part_of
 from mecazen.wire import Stamp
 from toys import Toy, Watcher
 
@@ -242,29 +242,6 @@ def test_a_wrong_output_of_a_user_node_is_refused(rig, outputs, line):
     kind = type("Wrong", (Follower,), {"step": lambda *_: outputs})
     wrong = rig(kind, programs={"follower": "my.py:Wrong"})
     assert error_of(NodeError, lambda: put_odom(wrong, 5)).startswith(line)
-
-
-def test_a_failure_leaves_no_node_open(scenario):
-    closed = []
-
-    class Open(Toy):
-        def close(self):
-            closed.append(self)
-            fail()
-
-    class Failing(Toy):
-        def reset(self, seed):
-            fail()
-
-    parts = [("controller", "")]
-    with pytest.raises(ZeroDivisionError):
-        Host(parts, Bus(), scenario, {"odometry": Open, "controller": Failing})
-    assert len(closed) == 1
-    host = Host(parts, Bus(), scenario, {"odometry": Open, "controller": Open})
-    with pytest.raises(ZeroDivisionError):
-        host.close()
-    host.close()  # once only
-    assert closed[1:] == [turn.running for turn in host.loop.turns]
 
 
 def test_a_part_belongs_to_a_robot_unless_all_robots_share_it(write_scenario):

@@ -45,11 +45,6 @@ def test_messages_have_the_same_bits_after_the_wire(data):
     assert plain(decode(encode(message), type(message))) == plain(message)
 
 
-@given(st.integers(0, 2**31 * 10**9 - 1))
-def test_a_time_is_exact_to_the_nanosecond(time_ns):
-    assert messages.Time.from_ns(time_ns).ns == time_ns
-
-
 @given(st.floats(-math.pi, math.pi), finite, finite)
 def test_a_planar_pose_round_trips(yaw, x, y):
     message = messages.Pose.planar(Pose2D(x, y, yaw))
@@ -93,16 +88,6 @@ def test_covariances_are_row_major():
     assert sum(ros_covariance(planar)) == sum(map(sum, planar))
     with pytest.raises(RefusedError, match="36 numbers, not 9"):
         planar_covariance((0.0,) * 9)
-
-
-def test_every_topic_and_call_is_in_the_table_once():
-    names = [topic.key for topic in keys.TOPICS] + [call.key for call in keys.CALLS]
-    assert len(set(names)) == len(names)
-    for topic in keys.TOPICS:
-        assert keys.resolve(f"two/{topic.key}", keys.TOPICS) == ("two", topic)
-    assert keys.topic_of(keys.diagnostics("physics").key) is keys.DIAGNOSTICS
-    assert keys.topic_of("diagnostics") is None
-    assert keys.topic_of("cmd_vel/more") is None
 
 
 FORWARD = forward(0.2)
@@ -151,7 +136,6 @@ TWIST = "not a geometry_msgs/msg/Twist: "
 REFUSED = [
     (b"", m.Twist, "empty payload"),
     (b'{"linear":{"x":0.2}', m.Twist, TWIST),
-    (b"\x81\xa6linear\x80", m.Twist, TWIST),
     (b'{"linear":{"x":NaN}}', m.Twist, TWIST),
     (b'{"linear":{"x":' + b"9" * 5000 + b"}}", m.Twist, TWIST),
     (b'{"linear":{"x":"1"}}', m.Twist, "Expected `float`, got `str` - at `$.linear.x`"),

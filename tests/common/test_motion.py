@@ -271,15 +271,6 @@ def test_jerk_limited_stop_takes_the_time_of_theory(deceleration, jerk, speed):
     assert abs(ticks * DT - seconds) <= 4 * DT
 
 
-def test_wheels_and_planar_speed_limit_a_twist():
-    drive = Drive(rim_speed=2.0, sideways=1.0, lever=0.3)
-    twist = drive.step(Twist2D(), Twist2D(2.0, 2.0, 3.0), 5.0, 10.0)
-    # 2 + 2 + 0.3·3 = 4.9 m/s of rim speed become 2; all axes are slowed down alike
-    assert twist == pytest.approx((4.0 / 4.9, 4.0 / 4.9, 6.0 / 4.9))
-    x, y, yaw = Drive().step(Twist2D(), Twist2D(1.0, 1.0, 1.0), 1.0, 10.0)
-    assert (math.hypot(x, y), yaw) == (pytest.approx(1.0), 1.0)
-
-
 def limited(state, wanted, ticks):
     """Return the twists of a robot whose axes alone can be as fast as its wheels, by tick."""
     drive, states = Drive(2.0, 1.0, 0.3, (Limits(2.0, 2.5, 2.5),) * 3), []

@@ -90,6 +90,8 @@ def test_a_change_is_a_value_or_left_out():
     assert changed(start, left_out).mine == Mine(order=("b",), turns=False)
     message = m.Parameters(parameters=to_message(left_out))
     assert settings_of(message) == left_out
+    message = m.Parameters(parameters=(m.Parameter("mine.side", "["),))
+    assert error_of(ConfigError, lambda: settings_of(message)).startswith("mine.side: [: not TOML")
 
 
 def test_what_was_added_is_a_parameter_until_the_next_run():
@@ -134,11 +136,6 @@ def test_a_wrong_change_is_one_line(key, value, line):
     before = live.requested
     assert error_of(ConfigError, lambda: live.set({key: value})).startswith(line)
     assert live.requested is before
-
-
-def test_a_value_must_be_toml():
-    message = m.Parameters(parameters=(m.Parameter("mine.side", "["),))
-    assert error_of(ConfigError, lambda: settings_of(message)).startswith("mine.side: [: not TOML")
 
 
 def test_without_a_name_all_robots_are_changed():

@@ -90,7 +90,7 @@ BOMB = f'<!DOCTYPE r [<!ENTITY a "{"x" * 1000}">{"".join(TENFOLD)}]><robot name=
 JOINT = "<joint><parent link='a'/><child link='b'/></joint>"
 
 
-def test_the_description_has_every_roller_and_mesh():
+def test_the_description_has_every_roller_mesh_and_sensor():
     robot = load_robot()
     read = urdf.read(build_urdf(robot, "base_footprint"))
     turning = [joint.name for joint in read.joints if joint.axis is not None]
@@ -101,10 +101,6 @@ def test_the_description_has_every_roller_and_mesh():
     assert meshes == urdf.build_meshes(robot).keys()
     with pytest.raises(ConfigError, match="lidar_link is another link of the robot"):
         build_urdf(robot, "lidar_link")
-
-
-def test_a_robot_has_the_sensors_of_its_file():
-    robot = load_robot()
     lidar = replace(robot.lidar, frame="laser")
     links = {joint.child for joint in urdf.read(build_urdf(replace(robot, lidar=lidar))).joints}
     assert {"laser", "camera_link", "camera_depth_optical_frame"} <= links

@@ -182,15 +182,6 @@ def test_each_robot_has_its_namespace_seed_and_services(write_scenario, scenario
         assert line.startswith(f"{name!r}: no such robot in the scenario; its robots: {known}")
 
 
-def test_services_that_sensors_and_walkers_need_are_added(write_scenario):
-    listed = "services = ['physics', 'controller', 'target']\n"
-    path = write_scenario(f"{listed}sensor.kind = 'fused'\n")
-    assert load_scenario(path).services[3:] == ("sensors", "follower", "guard")
-    assert load_scenario(path, {"sensor.kind": "pose"}).services[-1] == "target"
-    walkers = {"crowd.walkers": [{"path": {"kind": "standing", "x_m": 3.0}}]}
-    assert load_scenario(path, walkers).services[-1] == "crowd"
-
-
 def test_a_scenario_has_a_path_or_a_name(tmp_path, monkeypatch):
     folder, below = tmp_path / "configs" / "scenarios", tmp_path / "some" / "where"
     for parent in (folder, below / "back"):

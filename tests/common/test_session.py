@@ -2,7 +2,6 @@
 
 import json
 import logging
-import secrets
 import socket
 from contextlib import closing
 
@@ -37,15 +36,6 @@ def test_a_routers_taken_port_is_one_line(router):
             assert text.startswith(f"can't listen on {endpoint}: the port is taken")
 
 
-def test_a_peer_that_starts_before_the_router_meets_others(free_port):
-    config = BusConfig(connect=(f"tcp/127.0.0.1:{free_port}",))
-    with closing(ZenohBus(config)) as early:
-        early.declare_alive("early")
-        with open_session(config, "router"), closing(ZenohBus(config)) as late:
-            late.declare_alive("late")
-            wait(early, lambda: "late" in early.presence.names)
-
-
 @pytest.mark.parametrize("mode", ["router", "peer", "client"])
 def test_a_wrong_endpoint_is_one_line(mode):
     for endpoint in ("nonsense", "carrier-pigeon/127.0.0.1:1"):
@@ -70,14 +60,6 @@ def test_a_wrong_zenoh_configuration_is_one_line(tmp_path, name, content, proble
     assert text.startswith(f"{path}: not a Zenoh configuration: ")
     assert problem in text
     assert ".rs" not in text
-
-
-def test_a_zenoh_configuration_names_the_router(tmp_path, router):
-    path = tmp_path / "zenoh.json5"
-    path.write_text(f'{{ // where to meet\n connect: {{ endpoints: ["{router}"] }} }}')
-    config = BusConfig(zenoh_config=path, namespace=f"test{secrets.token_hex(6)}")
-    with closing(ZenohBus(config, "client")) as bus:
-        assert bus.alive() == set()
 
 
 def test_sessions_stay_on_loopback_without_multicast_by_default():
@@ -161,12 +143,6 @@ def test_open_endpoints_are_refused_or_warned_of_if_allowed(mode, role, settings
     with caplog.at_level(logging.WARNING):
         session_config(BusConfig(**settings, insecure=True), mode)
     assert caplog.text.count(problem) == 1
-
-
-def test_a_client_may_query_any_router(caplog):
-    config = session_config(BusConfig(connect=("tcp/192.168.1.7:7447",)), "client")
-    assert config.get_json("connect/endpoints") == '["tcp/192.168.1.7:7447"]'
-    assert not caplog.messages
 
 
 @pytest.mark.parametrize("mode", ["router", "peer"])

@@ -155,14 +155,6 @@ def test_a_step_takes_the_samples_of_its_tick(mode, inputs, script, steps):
     assert rig.node.steps == steps
 
 
-def test_steps_without_a_due_sample_are_counted():
-    rig = make_rig((every(A), due(D), due(E)), "real_time", d=2, e=4)
-    for name in ["a0", "d0", "a1", "e0", "a2", "a3"]:
-        put(rig, name)
-    report = rig.driver.host.services[0].diagnostics()
-    assert (report["late/d"], report["late/e"]) == (1, 1)
-
-
 PERIOD = st.integers(1, 4)
 
 

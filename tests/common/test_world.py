@@ -51,16 +51,13 @@ def test_a_table_has_a_top_and_legs_with_room_between_them():
     assert not covered(solids, 1.0, 2.0 + 0.59, 0.1)
 
 
-def test_a_ramp_is_a_ridge_between_rails():
+def test_a_ramp_is_a_ridge_between_rails_and_a_patch_a_rectangle():
     ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, landing_m=0.5, position_m=(3.0, 0.0))
     world = WorldConfig(ramps=(ramp,))
     assert world.ridges[0][1:] == (1.0, 0.5, 0.08, 0.8)
     assert covered(world.solids, 3.0 - 1.24, 0.42)
     assert covered(world.solids, 3.0, -0.42)
     assert not covered(world.solids, 3.0, 0.39)
-
-
-def test_a_patch_covers_its_rectangle():
     patch = Patch(size_m=(2.0, 0.4), position_m=(1.0, 1.0), yaw_deg=90.0, friction=0.3)
     assert patch.covers(1.1, 1.9)
     assert not patch.covers(1.9, 1.1)
@@ -110,14 +107,6 @@ def test_an_occupancy_map_becomes_few_boxes_at_their_places(tmp_path):
     assert block["position_m"] == [2.5, 3.0]
 
 
-def test_a_world_file_and_a_setting_may_name_a_map(tmp_path):
-    path = map_of(tmp_path, ASCII)
-    (tmp_path / "place.toml").write_text("map = 'map.yaml'\nobstacles = []")
-    for settings in ({"world": tmp_path / "place.toml"}, {"world.map": path}):
-        world = load_scenario(SCENARIOS / "back.toml", settings).world
-        assert [solid.position_m for solid in world.solids] == [(1.5, 3.0), (2.75, 2.25)]
-
-
 def encoded(grey, suffix: str, mode: str = "L") -> bytes:
     file = BytesIO()
     Image.fromarray(grey).convert(mode).save(file, suffix)
@@ -160,7 +149,7 @@ GREYS = np.array([[0, 40, 65, 100, 205, 254, 255]], "u1")
     ],
 )
 def test_modes_and_thresholds_are_those_of_map_server(changes, expected, tmp_path):
-    for suffix, mode in (("PPM", "L"), ("PNG", "P"), ("PNG", "RGBA"), ("BMP", "L")):
+    for suffix, mode in (("PNG", "P"), ("PNG", "RGBA"), ("BMP", "L")):
         path = map_of(tmp_path, encoded(GREYS, suffix, mode), origin="[0, 0, 0]", **changes)
         cells = occupied(read_map(path), GREYS.shape, 0.5)
         assert "".join(str(int(cell)) for cell in cells[0]) == expected, (suffix, mode)
