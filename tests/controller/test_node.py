@@ -180,8 +180,8 @@ def moved(odom):
     return START.pose.between(odom.pose.pose.to_planar())
 
 
-@pytest.mark.parametrize("tick_s", [0.01, 0.0123])
-def test_a_driven_circle_gives_the_exact_pose(tick_s):
+def test_a_driven_circle_gives_the_exact_pose():
+    tick_s = 0.0123
     wheels = Wheels(tick_s)
     speeds = wheels.node.kinematics.inverse(Twist2D(x=0.5, yaw=0.5))  # a radius of 1 m
     for tick in range(301):

@@ -10,7 +10,6 @@ from harness import SCENARIOS, error_of
 from mecazen.errors import ConfigError
 from mecazen.keys import CMD_VEL
 from mecazen.loading import load_scenario
-from mecazen_gym.planar import arc, between, compose
 from mecazen_gym.policy import SIZE, Policy, PolicyFollower, read_weights
 from mecazen_gym.vector import FollowVectorEnv
 from mecazen_tools.simulation import Simulation
@@ -32,16 +31,6 @@ def commands(settings, duration_s=3.0):
         return np.array(twists), np.array(sim.state.robot)
 
 
-def test_arcs_and_frames_are_those_of_the_plane():
-    # a quarter of a circle of radius 1, in small steps: the chord of a step is its arc to 1e-9
-    pose = np.zeros(3)
-    for _ in range(10_000):
-        pose = compose(pose, arc(np.array((math.pi / 2.0, 0.0, math.pi / 2.0)), 1e-4))
-    np.testing.assert_allclose(pose, (1.0, 1.0, math.pi / 2.0), atol=1e-8)
-    inner = np.array((0.3, -0.2, 0.1))
-    np.testing.assert_allclose(between(pose, compose(pose, inner)), inner, atol=1e-12)
-
-
 def test_an_untrained_policy_keeps_its_place_behind_who_walks_straight_on_without_noise():
     path = {"target.path": {"kind": "waypoints", "points_m": [[0, 0], [30, 10]], "speed_m_s": 0.8}}
     envs = FollowVectorEnv(2, "back", {**NOISELESS, **path}, duration_s=20.0)
@@ -52,18 +41,6 @@ def test_an_untrained_policy_keeps_its_place_behind_who_walks_straight_on_withou
     # the filters have no error at a constant velocity, and the factors of the law are 1
     np.testing.assert_allclose(infos["place_error_m"], 0.0, atol=2e-3)
     np.testing.assert_allclose(infos["heading_error_rad"], 0.0, atol=2e-3)
-
-
-def test_robots_do_not_depend_on_each_other():
-    weights = np.random.default_rng(1).normal(0.0, 0.2, (3, SIZE))
-    envs = FollowVectorEnv(3, "back", duration_s=5.0)
-    observations, _ = envs.reset(seed=1)
-    together = Policy(weights, envs.task)
-    alone = Policy(weights[1], envs.task)
-    for _ in range(20):
-        actions = together.act(observations)
-        np.testing.assert_array_equal(actions[1], alone.act(observations[1:2])[0])
-        observations, *_ = envs.step(actions)
 
 
 def test_nobody_seen_yet_or_any_more_stops_the_robot():

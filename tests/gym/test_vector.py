@@ -154,18 +154,6 @@ def test_sensors_have_the_scenarios_faults():
     assert turned.step(STILL[None])[0][0, 4] == 10.0  # the person is out of view
 
 
-def test_episodes_draw_walks_and_what_varies_by_their_seeds():
-    walks = [{}, {"target.path.kind": "circle"}, {"target.path": {"kind": "wander", "number": 2}}]
-    vary = {"gain": (0.5, 1.5), "lag_s": (0.0, 0.5), "speed": (0.5, 2.0), "noise": (0.0, 2.0)}
-    env = make(64, walks=walks, vary=vary, settings={"target.path.start_after_s": 0.0})
-    _, infos = play(env, 1, steps=9)
-    *_, last = infos[-1]
-    assert len({tuple(pose) for pose in last["person"].round(9).tolist()}) == 64
-    assert np.ptp(last["robot"], axis=0).min() > 0.01
-    again = play(env, 1, steps=9)[1][-1][-1]
-    assert np.array_equal(again["robot"], last["robot"])
-
-
 class Job(NamedTuple):
     """A run of the study, of little more than a second."""
 

@@ -38,13 +38,6 @@ def test_single_pedestrian_reaches_the_goal_and_stands():
     assert places[-1][0].distance(places[-50][0]) < 0.05
 
 
-def test_two_pedestrians_pass_head_on_without_contact():
-    places = walk([errand(0.0, (8.0, 0.0)), errand(8.0, (0.0, 0.0))], 10.0)
-    assert min(a.distance(b) for a, b in places) > 2 * RADIUS_M
-    assert places[-1][0].distance(Pose2D(8.0, 0.0)) < 0.6
-    assert places[-1][1].distance(Pose2D(0.0, 0.0)) < 0.6
-
-
 def test_pedestrian_avoids_standing_and_moving_robots():
     for speed in (0.0, -0.5):
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen.config.people import Gait, Recorded
 from mecazen.errors import ConfigError
-from mecazen.geometry import Twist2D, wrap
+from mecazen.geometry import wrap
 from mecazen_people.paths import make_path
 from mecazen_people.recorded import (
     MAX_YAW_RATE,
@@ -43,19 +43,6 @@ def recorded(samples: list[tuple[float, float, float]]) -> RecordedWalk:
     return RecordedWalk(np.array(samples), SMOOTHING_S)
 
 
-def walk_and_stand(*legs: tuple[float, float, float]) -> RecordedWalk:
-    """Return a track at 2.5 Hz of legs: seconds, speed, direction."""
-    t = x = y = 0.0
-    samples = [(t, x, y)]
-    for seconds, speed, direction in legs:
-        for _ in range(round(seconds / 0.4)):
-            t += 0.4
-            x += 0.4 * speed * math.cos(direction)
-            y += 0.4 * speed * math.sin(direction)
-            samples.append((t, x, y))
-    return recorded(samples)
-
-
 def every(track: RecordedWalk, dt: float = 0.01) -> list[float]:
     return [k * dt for k in range(1, int(track.duration / dt))]
 
@@ -68,31 +55,6 @@ def test_steady_walk_is_a_steady_walk():
         assert pose == pytest.approx((*line(t)[1:], math.atan2(0.8, 0.6)), abs=1e-9)
         assert twist == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
         assert distance == pytest.approx(t, abs=1e-9)
-
-
-def test_heading_on_a_circle_is_the_tangent():
-    radius, rate = 2.0, 0.5
-    samples = [
-        (t, radius * math.sin(rate * t), -radius * math.cos(rate * t))
-        for t in (0.4 * k for k in range(40))
-    ]
-    track = recorded(samples)
-    for t in every(track, 0.1)[20:-20]:  # the ends are straighter: see `Track`
-        pose, twist, _ = track.at(t)
-        assert wrap(pose.yaw - rate * t) == pytest.approx(0.0, abs=1e-3)
-        assert twist.yaw == pytest.approx(rate, rel=0.01)
-        assert twist.y == pytest.approx(0.0, abs=1e-3)
-        # The mean over 0.8 s cuts the curve by v²/r·0.8²/24 = 13.3 mm.
-        assert math.hypot(pose.x, pose.y) == pytest.approx(radius - 0.0133, abs=2e-4)
-
-
-def test_heading_is_held_while_the_person_stands():
-    track = walk_and_stand((6.0, 1.0, 0.0), (6.0, 0.0, 0.0), (6.0, 1.0, 2.5))
-    # The means begin to move 0.4 s before the samples do.
-    assert {track.at(t).pose.yaw for t in (6.5, 7.0, 9.0, 11.0, 11.5)} == {0.0}
-    assert {track.at(t).twist for t in (6.5, 7.0, 9.0, 11.0, 11.5)} == {Twist2D()}
-    assert track.at(14.0).pose.yaw == pytest.approx(2.5, abs=0.01)
-    assert track.at(14.0).twist.x == pytest.approx(1.0)
 
 
 def test_jitter_does_not_turn_a_standing_person():

@@ -149,15 +149,15 @@ def test_varied_strides_have_their_deviation_without_skating():
     assert abs(np.array(regular)[:, 0] - joint(postures[: len(regular)], "pelvis")).max() < 0.05
 
 
-def test_seed_changes_only_varied_strides():
-    def bits(cv, *seed):
+def test_varied_strides_repeat_with_their_seed():
+    def bits(cv, seed):
         walker = WalkingPerson(Body(stride_cv=cv))
-        walker.reset(PersonMotion(Pose2D()), *seed)
+        walker.reset(PersonMotion(Pose2D()), seed)
         path = [PersonMotion(Pose2D(x=0.012 * k), Twist2D(x=1.2)) for k in range(1, 250)]
         return b"".join(walker.step(motion, 0.01).joints.tobytes() for motion in path)
 
-    assert bits(0.0, 1) == bits(0.0, 2) == bits(0.0)
-    assert bits(0.02, 1) == bits(0.02, 1) != bits(0.02, 2)
+    first = bits(0.02, 1)
+    assert first == bits(0.02, 1) != bits(0.02, 2)
 
 
 def test_angles_are_those_taken_from_the_joint_centres(walker):
@@ -235,17 +235,3 @@ def test_shuffle_makes_short_steps_at_a_high_cadence():
         0.5 * np.mean(step_lengths(normal)), rel=0.02
     )
     assert len(shuffled) == pytest.approx(2 * len(normal), abs=2)
-
-
-def test_small_person_makes_shorter_similar_steps():
-    child = WalkingPerson(Body(height_m=1.2))
-    # same Froude number: same angles, lengths as the heights
-    slow = walk(child, Straight(speed_m_s=0.8, length_m=100.0), 14.0)
-    adult = walk(
-        WalkingPerson(Body()), Straight(speed_m_s=0.8 * math.sqrt(1.75 / 1.2), length_m=100.0), 14.0
-    )
-    ratio = np.mean(step_lengths(footfalls(slow))) / np.mean(step_lengths(footfalls(adult)))
-    assert ratio == pytest.approx(1.2 / 1.75, rel=0.02)
-    ranges = [np.ptp([p.angles for p in ps[600:]], axis=0) for ps in (slow, adult)]
-    assert np.degrees(ranges[0]) == pytest.approx(np.degrees(ranges[1]), abs=3.0)
-    assert slip(slow) < 0.0005

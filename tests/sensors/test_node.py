@@ -70,13 +70,6 @@ def test_a_sensor_answers_at_its_rate(kind, topic, period):
     assert answered == list(range(0, 42, period))
 
 
-@pytest.mark.parametrize(("kind", "period"), [(LidarNode, 10), (DepthNode, 20)])
-def test_a_frame_is_skipped_without_the_robots_pose(kind, period):
-    sensor = Sensor(kind)
-    assert sensor.tick(period, has_pose=False) == {}
-    assert sensor.tick(2 * period) != {}
-
-
 @pytest.mark.parametrize("stopped", [True, False], ids=["stopped", "without a pose"])
 def test_a_missed_capture_loses_its_frame_only(stopped):
     sensor = Sensor(TrackerNode, "sensors.tracker.latency_s=0.08")  # two periods

@@ -182,21 +182,6 @@ def test_white_noise_and_drift_have_the_reported_spread():
         assert covariance == pytest.approx(expected, abs=4 * np.max(std) ** 2 / math.sqrt(count))
 
 
-def test_the_bias_depends_on_the_view():
-    spine, views, seeds = INDEX["spine"], (0.0, 60.0, 180.0), 30
-    errors = np.empty((seeds, len(views), 3))
-    for seed in range(seeds):
-        for number, view in enumerate(views):
-            watch = Watch(seen_from(view), seed=seed, **{**EXACT, "bias_std_m": 0.02})
-            skeleton, joints = watch.skeleton(body())
-            errors[seed, number] = joints[spine] - body()[spine]
-            assert skeleton.std[spine] == 0.02
-    count = 3 * seeds * len(views) / 2  # neighbouring views are alike
-    rms = math.sqrt(np.mean(errors**2))
-    assert rms == pytest.approx(0.02, rel=4 / math.sqrt(2 * count))
-    assert not np.allclose(errors[:, 0], errors[:, 1])
-
-
 @pytest.mark.parametrize(
     ("settings", "enter", "leave_s", "joint", "view", "never"),
     [

@@ -1,7 +1,6 @@
 """`mecazen keys create`: an authority and a certificate for each part, and no way around."""
 
 import ipaddress
-import json
 import os
 
 import pytest
@@ -9,10 +8,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import NameOID
 from harness import error_of
-from mecazen.bus.session import session_config
-from mecazen.config import BusConfig
 from mecazen.errors import MecazenError
-from mecazen.schema import Folder
 from mecazen_tools import certificates
 
 
@@ -67,15 +63,3 @@ def test_a_wrong_host_leaves_no_folder(tmp_path, host):
     text = error_of(MecazenError, lambda: certificates.create(tmp_path / "keys", [host]))
     assert text.startswith(f"--host {host}: ")
     assert not (tmp_path / "keys").exists()
-
-
-@pytest.mark.parametrize("mode", ["router", "peer"])
-def test_keys_make_all_links_tls_also_beyond_loopback(folder, mode):
-    keys = Folder(folder)
-    config = session_config(BusConfig(connect=("tls/0.0.0.0:7447",), keys=keys), mode, "physics")
-    assert json.loads(config.get_json("transport/link/protocols")) == ["tls"]
-    assert config.get_json("transport/link/tls/enable_mtls") == "true"
-    private_key = json.loads(config.get_json("transport/link/tls/listen_private_key"))
-    assert private_key == str(folder / "physics.key")
-    config = session_config(BusConfig(keys=keys), mode)
-    assert "tls/127.0.0.1:" in config.get_json("listen/endpoints")

@@ -1,6 +1,5 @@
 """Parts of the commands, each by itself; whole command lines: tests/system/test_cli.py."""
 
-import re
 import resource
 import signal
 import subprocess
@@ -9,10 +8,9 @@ from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
-import msgspec
 import pytest
 from harness import COMMAND_GUARD_S, command
-from mecazen_tools.cli import app, sim, talk
+from mecazen_tools.cli import app, talk
 from typer.testing import CliRunner
 
 
@@ -31,25 +29,6 @@ def test_a_command_of_an_extra_names_the_extra(argument, error, capsys, monkeypa
         app.main()
     assert ended.value.code == 2
     assert capsys.readouterr().err.rstrip() == error
-
-
-def test_the_clock_receives_what_a_command_asks(monkeypatch):
-    requests = []
-
-    def call(call, request, *_):
-        requests.append((call.key, request))
-        return request
-
-    monkeypatch.setattr(sim, "tool_bus", lambda _: nullcontext(SimpleNamespace(call=call)))
-    for line in ("sim step 3", "sim reset", "sim reset --seed 7", "sim speed 2", "sim pause"):
-        assert CliRunner().invoke(app.app, line.split()).exit_code == 0
-    assert [(key, msgspec.to_builtins(request)) for key, request in requests] == [
-        ("sim/step", {"ticks": 3}),
-        ("sim/reset", {"seed": None}),
-        ("sim/reset", {"seed": 7}),
-        ("sim/speed", {"speed": 2.0}),
-        ("sim/pause", {}),
-    ]
 
 
 def test_samples_are_written_and_read_as_json(monkeypatch):
@@ -85,18 +64,6 @@ def test_samples_are_written_and_read_as_json(monkeypatch):
     unknown, broken = shown.stderr.splitlines()
     assert unknown == "warning: my/key: not among `mecazen topics`"
     assert broken.startswith("odom: 1 bytes that are no message: ")
-
-
-def test_a_scenario_has_its_own_nodes():
-    together = "processes=[['target','follower']]"
-    shown = CliRunner().invoke(app.app, ["graph", "back", "--set", together]).stdout
-    cells = [line.split("│")[1].strip() for line in shown.splitlines() if line.startswith("│")]
-    assert [cell for cell in cells if cell] == [
-        *("clock", "in physics", "physics", "odometry", "in controller"),
-        *("target", "in target+follower", "follower", "in target+follower", "controller"),
-    ]
-    shown = CliRunner().invoke(app.app, ["topics", "back"]).stdout
-    assert re.search(r"│ target/cmd_vel +│ geometry_msgs/Twist +│ any +│ anyone ", shown)
 
 
 def test_a_full_disk_is_one_line(tmp_path):

@@ -67,10 +67,6 @@ def test_farthest_walk_is_followed(people_import):
     assert "out.toml: exists already, and is not overwritten" in people_import(FORMATS["csv"])
 
 
-def test_the_time_between_annotated_frames_is_given(people_import):
-    assert people_import(FORMATS["text"], "--sample", "0.1").sim.duration_s == 2.0  # 1.8
-
-
 @pytest.mark.parametrize(
     ("text", "arguments", "expected"),
     [

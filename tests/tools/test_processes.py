@@ -196,16 +196,6 @@ def test_subprocess_does_not_delay_the_end(supervisor):
     os.kill(sleeper, signal.SIGKILL)  # which raises if it has ended
 
 
-def test_steady_process_is_restarted_at_once(restarting, monkeypatch):
-    monkeypatch.setattr(processes, "STEADY_S", 0.0)
-    restarting.begin("toy", needed=False)
-    for _ in range(3):
-        pid = restarting.kill("toy")
-        line = restarting.line("SIGKILL")
-        assert line.text == "toy: was killed by SIGKILL; it is started again at once"
-        assert restarting.pid("toy") != pid
-
-
 def test_pauses_grow_while_a_process_keeps_ending(restarting, monkeypatch):
     monkeypatch.setattr(processes, "FIRST_PAUSE_S", 0.25)
     monkeypatch.setattr(processes, "MAX_PAUSE_S", 0.5)

@@ -10,8 +10,7 @@ from harness import Listener, error_of, load_robot
 from mecazen import keys
 from mecazen.config import Scenario, SimConfig
 from mecazen.errors import MecazenError, NodeError
-from mecazen.loading import with_settings
-from mecazen_tools.simulate import collect, simulate
+from mecazen_tools.simulate import collect
 from mecazen_tools.simulation import Simulation
 
 CARTS = Scenario(
@@ -87,13 +86,3 @@ def test_a_failing_start_closes_the_services(monkeypatch):
     monkeypatch.setattr(Carts, "close", close)
     assert error_of(NodeError, lambda: Simulation(CARTS)).startswith("physics: ZeroDivisionError")
     close.assert_called_once()
-
-
-def test_simulate_reports_every_tick_and_the_result():
-    done = []
-    result, trajectory = simulate(
-        with_settings(CARTS, {"sim.duration_s": 1.5}), "carts", done.append
-    )
-    assert (result.scenario, result.ticks, result.duration_s) == ("carts", 150, 1.5)
-    assert (len(trajectory.rows()), done) == (150, [100, 150])
-    assert result.rtf == pytest.approx(1.5 / result.wall_s)

@@ -49,15 +49,6 @@ class Run:
         self.put(keys.CMD_VEL, tick, Twist.planar(Twist2D(*COMMAND)))
 
 
-def test_row_has_the_order_of_the_columns():
-    run = Run(1)
-    run.tick(0, robot=(1.0, 2.0, 0.0), person=(3.0, 4.0, 0.0))
-    robot, odom, person = (1.0, 2.0, 0.0), (0.5, 0.25, 0.0), (3.0, 4.0, 0.0)
-    row = 0.0, *robot, *MOTION, *odom, *person, *MOTION, *[None] * 12, "waiting", *COMMAND
-    assert run.trajectory.rows() == [row]
-    assert len(COLUMNS) == len(row)
-
-
 def test_csv_has_all_digits_and_empty_cells():
     values = 0.1 + 0.2, -0.0, 1e-5, -1.2345678901234567e-300, 5e-324, 1e16, 1.7e308
     run = Run(len(values))
