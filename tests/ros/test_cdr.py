@@ -5,7 +5,6 @@ import random
 import struct
 import tracemalloc
 from contextlib import suppress
-from typing import Annotated
 
 import msgspec
 import pytest
@@ -101,21 +100,6 @@ def kind_of(annotation):
     kind = msgspec.defstruct("Kind", [("field", annotation)], bases=(Message,), frozen=True)
     kind.ROS_TYPE = f"test_msgs/msg/Kind{abs(hash(str(annotation)))}"
     return kind
-
-
-@pytest.mark.parametrize(
-    ("annotation", "ros"),
-    [
-        (m.UInt8, "uint8"),
-        (Annotated[int, msgspec.Meta(gt=-1, lt=257)], "uint16"),
-        (Annotated[int, msgspec.Meta(ge=-129, le=0)], "int16"),
-        (m.Matrix3, "float64[9]"),
-        (Annotated[tuple[str, ...], msgspec.Meta(max_length=4)], "string[<=4]"),
-        (tuple[m.Time, ...], "builtin_interfaces/Time[]"),
-    ],
-)
-def test_a_field_has_the_narrowest_type_that_holds_its_bounds(annotation, ros):
-    assert definition(kind_of(annotation)).startswith(f"{ros} field\n")
 
 
 @pytest.mark.parametrize("annotation", [dict[str, int], tuple[tuple[int, ...], ...], str | None])

@@ -166,24 +166,6 @@ def test_legs_are_seen_and_low_objects_are_not():
     assert min(seen) == pytest.approx(1.63 - 0.03 * HEIGHT, abs=0.02)
 
 
-def test_noise_is_white_and_dropouts_have_their_share():
-    std, share = 0.013, 0.02
-    lidar = Lidar(LidarConfig(range_std_m=std, dropout_probability=share), LIDAR, 3)
-    scene, frames = room(wall(3.0)), 60
-    exact = np.array(scan(scene, **NO_NOISE).ranges)
-    seen = exact < 11.0  # the range cuts off the noise near its end
-    ranges = np.array([lidar.scan(scene, Pose2D(), Time()).ranges for _ in range(frames)])[:, seen]
-    count, lost = ranges.size, ranges == 0.0
-    # four standard errors of a share, of a mean and of a deviation of normal numbers
-    assert np.mean(lost) == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / count))
-    errors = (ranges - exact[seen])[~lost]
-    assert np.mean(errors) == pytest.approx(0.0, abs=4 * std / math.sqrt(count))
-    assert np.std(errors) == pytest.approx(std, abs=4 * std / math.sqrt(2 * count) + STEP_M**2)
-    white = np.where(lost, 0.0, ranges - exact[seen])
-    correlation = np.mean(white[1:] * white[:-1]) / std**2
-    assert correlation == pytest.approx(0.0, abs=4 / math.sqrt(count))
-
-
 def test_an_occluded_lidar_measures_nothing():
     lidar, scene = Lidar(LidarConfig(occlusions_s=((1.0, 2.0),)), LIDAR, 0), room(wall(3.0))
     measures = [

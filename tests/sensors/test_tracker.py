@@ -13,7 +13,7 @@ from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import decode, encode
 from mecazen_sensors.raycast import RayScene
-from mecazen_sensors.tracker import RESOLUTION, WHITE_RANGE_M, BodyTracker
+from mecazen_sensors.tracker import RESOLUTION, BodyTracker
 from people import HEIGHT, NEXUS, body, walking
 
 FRAME_S = 0.04
@@ -157,29 +157,6 @@ def test_occluded_camera_reports_no_person():
     names = [[s.id for s in frame.skeletons] for frame in frames]
     assert names == [["1"]] * 3 + [[]] * 5 + [["1"]] * 4  # 0.12 to 0.28 s
     assert [frame.reason for frame in frames] == [""] * 3 + [Unseen.BLIND] * 5 + [""] * 4
-
-
-def test_white_noise_and_drift_have_the_reported_spread():
-    white, drift, frames = 0.01, 0.02, 1500
-    settings = {**EXACT, "white_std_m": white, "drift_std_m": drift, "drift_time_s": 0.2}
-    watch = Watch(seen_from(FRONT), **settings)
-    joints, trunk = body(), [INDEX[name] for name in ("pelvis", "spine", "neck", "head")]
-    errors = np.array([(watch.joints(joints) - joints)[trunk] for _ in range(frames)])
-    std = np.array(watch.skeleton(joints)[0].std)[trunk]
-    # drift is white after twice its time constant of 5 frames: the number of independent values
-    count = frames * 12 / (2 * 5)
-    assert np.mean(errors) == pytest.approx(0.0, abs=4 * drift / math.sqrt(count))
-    for number in range(4):
-        assert np.std(errors[:, number]) == pytest.approx(
-            std[number], rel=4 / math.sqrt(2 * count / 4)
-        )
-    depth = 1.8  # the trunk is a little farther
-    expected = math.hypot(drift, white * (1.0 + (depth / WHITE_RANGE_M) ** 2))
-    assert std[0] == pytest.approx(expected, rel=0.02)
-    for lag in (1, 5, 10):
-        covariance = np.mean(errors[lag:] * errors[:-lag])
-        expected = drift**2 * math.exp(-lag * FRAME_S / 0.2)
-        assert covariance == pytest.approx(expected, abs=4 * np.max(std) ** 2 / math.sqrt(count))
 
 
 @pytest.mark.parametrize(

@@ -202,16 +202,6 @@ def test_skeleton_walks_with_the_person():
     assert 0.8 < pelvis.z < 1.0
 
 
-@pytest.mark.parametrize("ticks", [[1000], [0, 2, 48]])
-def test_skeleton_follows_the_person_after_a_gap(ticks):
-    target = Target(Straight(speed_m_s=1.0), kind="fused")
-    for tick in ticks:
-        outputs = target.tick(tick)
-    person, joints = pose_of(outputs[keys.TARGET_ODOM]), outputs[keys.TARGET_SKELETON].joints
-    # a leg of 0.53 of a height of 1.75 m (Winter), and 0.2 m of a foot
-    assert max(math.hypot(joint.x - person.x, joint.y - person.y) for joint in joints) < 0.8
-
-
 NEXT_RUN = 2**32 - 1
 
 

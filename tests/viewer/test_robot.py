@@ -67,16 +67,6 @@ def test_moving_links_are_placed_by_all_joints():
     assert turned == pytest.approx(np.array([[0.5, 0.5, 0.5, 0.5]] * 2), **near)
 
 
-def test_equal_corners_become_one_vertex():
-    vertices, triangles, normals = read_stl(SQUARE)
-    assert len(vertices) == 4
-    assert np.asarray(vertices)[triangles].tolist() == [
-        [[0, 0, 0], [1, 0, 0], [1, 1, 0]],
-        [[0, 0, 0], [1, 1, 0], [0, 1, 0]],
-    ]
-    assert normals.tolist() == [[0, 0, 1]] * 4
-
-
 NO_TREE = [
     "",
     "<joint><parent link='a'/><child link='a'/></joint>",

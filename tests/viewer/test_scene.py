@@ -66,14 +66,6 @@ def test_observation_uses_the_pose_at_capture(drawing):
     assert content.last(layout.OBSERVATION, POINTS)[0][:2] == pytest.approx((0.0, 1.2), abs=1e-6)
 
 
-def test_observations_disappear_one_by_one(drawing):
-    frame, nothing = m.Observation(m.Header(frame_id="world"), (DETECTION,)), m.Observation()
-    for step, message in enumerate((frame, frame, nothing, nothing, nothing)):
-        drawing.put(keys.OBSERVATION, message, 100 * step)
-    counts = [len(points) for points in drawing.end().all(layout.OBSERVATION, POINTS)]
-    assert counts == [1, 2, 1, 0, 0]
-
-
 def test_pedestrians_are_drawn_unless_a_robot_follows_them(drawing):
     walker = m.Person("walker_1", m.Pose.planar(Pose2D(1.0, 2.0)), height=1.7)
     drawing.put(keys.PEOPLE, m.People(persons=(m.Person("target"), walker)))
@@ -130,28 +122,6 @@ def test_ellipse_contains_95_percent_in_each_frame(drawing, frame_id):
     assert axes @ axes.T == pytest.approx(5.991 * turned, abs=1e-3)
 
 
-def test_trail_has_a_minute_and_restarts_at_jumps(drawing):
-    for tick in range(1001):
-        drawing.put(keys.ODOM, odometry(Pose2D(tick / 100)), 100 * tick)
-    drawing.put(keys.ODOM, odometry(Pose2D(20.0)), 100_200)
-    *_, (trail,), (restarted,) = drawing.end().all(f"{layout.TRAILS}/odometry", STRIPS)
-    assert (trail[0][0], trail[-1][0]) == pytest.approx((4.0, 10.0))
-    assert [point[0] for point in restarted] == [20.0]
-
-
-def test_person_without_published_joints_walks(drawing):
-    for ms in range(0, 4001, 40):
-        drawing.put(keys.TARGET_ODOM, odometry(Pose2D(0.8 * ms / 1e3), speed=0.8), ms)
-    limbs = np.array(drawing.end().all(layout.BODY, STRIPS))
-    heights = limbs[-1, ..., 2]
-    assert heights.max() - heights.min() == pytest.approx(1.65, abs=0.1)  # sole to mid-head
-    for shank in [i for i, limb in enumerate(LIMBS) if limb.name.endswith("shank")]:
-        moved_m = np.diff(limbs[50:, shank, 1, 0])
-        # the ankle of a flat foot stands still; in swing it overtakes a body that moves by 3.2 cm
-        assert moved_m.min() < 1e-3
-        assert moved_m.max() > 2 * 0.8 * 0.04
-
-
 def test_joints_are_drawn_as_limbs_and_bones(drawing):
     drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
     drawing.put(keys.TARGET_SKELETON, m.Skeleton(joints=BODY))
@@ -186,14 +156,6 @@ def test_message_that_cannot_be_drawn_is_refused(drawing, topic, wrong):
     drawing.put(topic, wrong, 100)
     assert drawing.bus.refused == {topic.key: 1}
     assert len(drawing.end().all(layout.DEPTH, "DepthImage:buffer")) == 1
-
-
-def test_invalid_covariance_is_drawn_as_a_dot(drawing):
-    spread = [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    pose = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), ros_covariance(spread))
-    drawing.put(keys.OBSERVATION, m.Observation(m.Header(frame_id="world"), (pose,)))
-    (columns,) = drawing.end().last(layout.OBSERVATION_ELLIPSE, STRETCH)
-    assert np.abs(columns[:2]).max() < 0.01
 
 
 def test_camera_view_is_drawn_if_there_is_one(tmp_path):

@@ -128,15 +128,15 @@ def memory_mb(stage: Stage) -> float:
 
 
 def test_memory_is_bounded_over_long_and_many_runs():
-    stage, kilobytes_100 = Stage(), np.zeros((8333, 3), dtype=np.float32)
+    stage, megabyte = Stage(), np.zeros((83_333, 3), dtype=np.float32)
     with closing(RerunServer(ANYWHERE, f"--server-memory-limit={MEMORY_LIMIT}")) as server:
         stage.viewer.serve_at(server.uri)
         stage.play(run=0, ticks=2)
         first = memory_mb(stage)
-        for begin in range(0, 4000, 2):
+        for begin in range(0, 400, 2):
             stage.play(run=1, ticks=2, begin=begin)
-            stage.viewer.recording.log("much", rr.Points3D(kilobytes_100))
-            if begin % 200 == 0:
+            stage.viewer.recording.log("much", rr.Points3D(megabyte))
+            if begin % 20 == 0:
                 stage.viewer.recording.flush(timeout_sec=60.0)
         assert memory_mb(stage) - first < 120.0  # 200 MB were logged
         for run in range(2, 62):
