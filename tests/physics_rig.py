@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Sequence
 from typing import Any
 
 from mecazen.config import PhysicsConfig, WorldConfig
-from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.links import robot_links
 from mecazen.robot import Robot
@@ -100,22 +98,3 @@ def throw(robot: SimulatedRobot, x: float, y: float = 0.0) -> None:
     velocity = root.getVelocities()
     velocity[3:5] = rotate(x, y, -robot.body.world.heading)
     root.setVelocities(velocity)
-
-
-def trajectory(robot: Robot) -> str:
-    """A hash of a run with everything in it."""
-    obstacles = (
-        Cylinder(size_m=(0.1, 0.5), position_m=(0.5, 0.1)),
-        Box(size_m=(0.1, 2.0, 0.5), position_m=(-0.6, 0.0), yaw_deg=20.0),
-    )
-    rig = Rig(robot, Pose2D(0.1, -0.2, 0.3), obstacles=obstacles)
-    digest = hashlib.sha256()
-    for index in range(120):
-        rig.place_person(Pose2D(0.9 - 0.005 * index, 0.1, math.pi), Twist2D(x=0.5))
-        twist = Twist2D(0.4 * math.cos(0.1 * index), 0.3 * math.sin(0.1 * index), 0.5)
-        if index % 30 < 25:
-            rig.advance(wheel_speeds(robot, twist))
-        else:
-            rig.advance_effort([0.3, -0.2, 0.1, 0.4])
-        digest.update(repr(rig.state()).encode())
-    return digest.hexdigest()

@@ -23,7 +23,6 @@ from follower.rooms import (
 from harness import SCENARIOS
 from mecazen.config import SensorConfig
 from mecazen.config.follower import PidControl, PlannerConfig
-from mecazen.drive import Drive, Limits, MotionLimits
 from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_follower.association import Measurement
@@ -31,7 +30,7 @@ from mecazen_follower.control import ALL_AROUND
 from mecazen_follower.following import Following
 from mecazen_follower.node import make_planner
 from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs
-from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of, roll
+from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of
 from mecazen_follower.planner.surroundings import CELL_M, MEMORY_S, DistanceField, LocalMap, Shadows
 from mecazen_follower.search import Search
 from mecazen_follower.tracker import Frame
@@ -350,19 +349,3 @@ def test_the_mean_of_samples_improves_a_path():
     assert (costs[2:] < costs[:2]).all()
     again, _ = planner.search(nominal, around)
     assert (again.commands == paths.commands).all()
-
-
-LINEAR = Limits(2.0, 2.5, 2.5)
-DT = 0.1
-LIMITS = MotionLimits(
-    Drive(2.0, 1.0, 0.3, (LINEAR, LINEAR, Limits(3.0, 8.0, 8.0))), max_speed=2.0, dt=DT, n=1
-)
-
-
-@pytest.mark.parametrize("yaw", [0.0, math.pi / 2])
-def test_rollout_from_rest_is_limited(yaw):
-    path = roll(yaw, Twist2D(), 3, LIMITS, lambda *_: np.array([[0.0], [2.0], [0.0]]))
-    reach = 1.25 * (DT * np.arange(1, 4)) ** 2  # half of 2.5 m/s² times t²
-    assert path.y[:, 0] == pytest.approx(reach)
-    assert path.x[:, 0] == pytest.approx(np.zeros(3), abs=1e-12)
-    assert path.s[:, 0] == pytest.approx(math.sin(yaw))

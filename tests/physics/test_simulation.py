@@ -16,7 +16,7 @@ from mecazen_physics.footprint import Footprint
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.state import RobotState
-from physics_rig import STEPS, Rig, masses, simulation_of, throw
+from physics_rig import STEPS, Rig, simulation_of, throw
 
 FORWARD = WheelCommand([6.0] * 4)  # 0.3 m/s of nexus
 BACKWARD = WheelCommand([-6.0] * 4)
@@ -109,20 +109,6 @@ def test_a_robot_pushes_those_whose_motors_are_weaker(nexus, places, pushed, tic
     if pushed == "nexus":
         gaps = [front.position[0] - rear.position[0] for rear, front in pairwise(states[-1])]
         assert [gap for gap in gaps if not CLOSEST <= gap <= TOUCHING] == []
-
-
-def test_pushing_motors_accelerate_both_robots(nexus):
-    push, brake = 0.2, 0.05
-    world = world_with(nexus, Pose2D(), Pose2D(0.4))
-    commands = [WheelCommand([torque] * 4, is_effort=True) for torque in (push, -brake)]
-    for _ in range(50):
-        world.advance(commands, STEPS)
-    mass = sum(masses(nexus))
-    force = 4 * (push - brake) / nexus.wheels.radius_m
-    expected = 0.5 * force / (2 * mass)
-    assert [along_x(robot.state) for robot in world.robots] == pytest.approx(
-        [expected] * 2, rel=0.02
-    )
 
 
 def test_separated_robots_are_isolated_again(nexus):
