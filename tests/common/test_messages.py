@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from drawn import KINDS, drawn, plain
 from harness import error_of, forward
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mecazen import keys, messages, wire
 from mecazen import messages as m
@@ -211,7 +211,6 @@ tables = st.dictionaries(names, values, max_size=5).map(msgspec.json.encode)
 encodings = st.sampled_from(["", "zenoh/bytes", JSON_ENCODING, "application/cdr", "\ud800", ";"])
 
 
-@settings(max_examples=300)
 @given(
     st.binary(max_size=200) | tables,
     st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 4), st.binary(max_size=4)), max_size=6),

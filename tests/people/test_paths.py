@@ -168,7 +168,7 @@ def test_any_waypoints_are_walked_or_refused(points):
     assert ends[1] == pytest.approx(points[-1], abs=1e-9)
 
 
-WALKERS = range(20)
+WALKERS = range(8)
 SECONDS = 40.0
 
 
