@@ -20,7 +20,6 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
 from mecazen.loading import (
     load_scenario,
-    parse_settings,
     renamed_in,
     robots_in,
     scenario_path,
@@ -33,21 +32,6 @@ from mecazen.schema import Folder
 from mecazen.ticks import whole_ticks
 
 TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
-
-
-@pytest.mark.parametrize(
-    ("override", "read", "expected"),
-    [
-        ("sim.mode=lockstep", lambda s: s.sim.mode, "lockstep"),
-        (" sim.speed = 2.5 ", lambda s: s.sim.speed, 2.5),
-        ('bus.connect=["tcp/127.0.0.1:1"]', lambda s: s.bus.connect, ("tcp/127.0.0.1:1",)),
-        ("start={x_m=2.0}", lambda s: s.start.pose, Pose2D(2.0, 0.0, 0.0)),
-        ("robot.wheels.track_m=0.4", lambda s: s.robot.half_track, 0.2),
-        ("robot=nexus", lambda s: s.robot.name, "nexus"),
-    ],
-)
-def test_a_setting_is_in_toml_or_a_bare_word(write_scenario, override, read, expected):
-    assert read(load_scenario(write_scenario(), parse_settings((override,)))) == expected
 
 
 def test_settings_of_python_are_values(scenario):

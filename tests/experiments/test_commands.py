@@ -5,12 +5,12 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import chdir, closing
 from pathlib import Path
 
 import pytest
 from distributed import LocalCluster
-from experiments.conftest import Folder, experiment
+from experiments.conftest import SCENARIO, STUDY, Folder, experiment
 from harness import ROOT, command, error_of
 from mecazen.errors import MecazenError
 
@@ -72,44 +72,34 @@ def finish(process: subprocess.Popen[str], code: int = 0) -> tuple[str, str]:
     return out, errors.strip()
 
 
-@pytest.fixture
-def standing(folder):
-    """Give the study a follower of the program above; return the folder."""
-
-    def use(name):
-        program = folder.write("standing.py", STANDING)
-        scenario = (folder.path / "short.toml").read_text()
-        folder.write("short.toml", f'programs.follower = "{program}:{name}"\n{scenario}')
-        return folder
-
-    return use
-
-
-@pytest.fixture
-def held(standing):
-    """A study whose run of seed 3 waits half-way, and a pipe in which it says so."""
-    folder = standing("Held")
-    os.mkfifo(folder.path / "pid")
+def standing(path: Path, name: str) -> Folder:
+    """Write the study with a follower of the program above; return its folder."""
+    folder = Folder(path)
+    program = folder.write("standing.py", STANDING)
+    folder.write("short.toml", f'programs.follower = "{program}:{name}"\n{SCENARIO}')
+    folder.write("study.toml", STUDY)
     return folder
 
 
 @pytest.fixture
-def check(held, monkeypatch, capsys):
-    """Check the rows against those of the same study that nothing disturbs, in this process."""
+def held(tmp_path):
+    """A study whose run of seed 3 waits half-way, and a pipe in which it says so."""
+    folder = standing(tmp_path, "Held")
+    os.mkfifo(folder.path / "pid")
+    return folder
 
-    def compare():
-        rows = held.runs("out.csv")
-        assert [row["seed"] for row in rows] == ["1", "2", "3", "4"]
-        assert len({row["trajectory"] for row in rows}) == 4
-        (held.path / "experiments.sqlite").unlink()
-        monkeypatch.chdir(held.path)
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """Return the rows of that study when no run waits, from this process."""
+    folder = standing(tmp_path_factory.mktemp("undisturbed"), "Held")
+    folder.write("held", "")
+    with chdir(folder.path):
         experiment("run", "study.toml", "--jobs", 1, "--csv", "out.csv")
-        printed = capsys.readouterr()
-        assert printed.err.strip() == "results: experiments.sqlite and out.csv"
-        assert all(words in printed.out for words in ("Errors", "D_err [m]", "short"))
-        assert held.runs("out.csv") == rows
-
-    return compare
+    rows = folder.runs("out.csv")
+    assert [row["seed"] for row in rows] == ["1", "2", "3", "4"]
+    assert len({row["trajectory"] for row in rows}) == 4
+    return rows
 
 
 def stored(file: Path) -> int:
@@ -117,7 +107,7 @@ def stored(file: Path) -> int:
         return database.execute("select count(*) from runs").fetchone()[0]
 
 
-def test_after_ctrl_c_the_same_command_goes_on_from_there(held, check):
+def test_after_ctrl_c_the_same_command_goes_on_from_there(held, undisturbed):
     process = start(held, "--jobs", 2)
     (held.path / "pid").read_text()
     while not stored(held.path / "experiments.sqlite"):
@@ -130,7 +120,7 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(held, check):
         assert words in errors
     assert 1 <= stored(held.path / "experiments.sqlite") <= 3
     finish(start(held, "--jobs", 2))
-    check()
+    assert held.runs("out.csv") == undisturbed
 
 
 @pytest.fixture(params=["processes", "Dask"])
@@ -146,15 +136,15 @@ def workers(request):
         yield "--cluster", cluster.scheduler_address
 
 
-def test_a_worker_that_is_killed_loses_nothing(held, workers, check):
+def test_a_worker_that_is_killed_loses_nothing(held, workers, undisturbed):
     process = start(held, *workers)
     os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
     finish(process)
-    check()
+    assert held.runs("out.csv") == undisturbed
 
 
-def test_a_run_that_kills_its_workers_is_named_and_the_others_are_shown(standing):
-    folder = standing("Lethal")
+def test_a_run_that_kills_its_workers_is_named_and_the_others_are_shown(tmp_path):
+    folder = standing(tmp_path, "Lethal")
     out, errors = finish(start(folder, "--jobs", 2), code=1)
     assert errors.splitlines() == [
         "results: experiments.sqlite and out.csv",

@@ -10,11 +10,11 @@ from mecazen.config.people import Goal
 from mecazen.config.world import Box
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D
-from mecazen.loading import load_scenario, named_file, scenario_path
+from mecazen.loading import load_scenario, scenario_path
 from mecazen_experiments.expansion import expand
 from mecazen_experiments.followbench.episodes import SAMPLE, episode_lengths, read
 from mecazen_experiments.followbench.program import followbench, metrics, scenario_of
-from mecazen_experiments.study import load_study, matching
+from mecazen_experiments.study import load_study
 from mecazen_tools.observe import PersonOverTime, Watched
 from mecazen_tools.table import Poses
 
@@ -87,12 +87,9 @@ def test_without_a_free_path_a_person_walks_straight_on(tmp_path):
         ),
         ("  step_time: 0.1\n", "", r"world: Object missing required field `step_time`"),
         ("state: [8.0, 5.0, 0]", "state: [8.0, 5.0]", r"target\[0\]\.state: .*length 3"),
-        ("state: [8.0, 5.0, 0]", "state: [8.0, inf, 0]", r"target\[0\]\.state\[1\]: Expected"),
-        ("goal: [38.5, 5.0, 0.0]", "goal: [a, b, c]", r"target\[0\]: goal: Expected `float`"),
         ("goal: [38.5, 5.0, 0.0]", "goal: [[[8, 5, 0]]]", r"goal: must have a state after"),
         ("{name: rectangle, length: 40.0", "{name: circle, length: 40.0", r"obstacle\[0\]\.shape"),
         ("world:", "world: [", r"not YAML: line \d+"),
-        ("world:", "w\0rld:", r"not YAML"),
         ("height: 10.0", "deep: " + "[" * 600 + "]" * 600, r"not YAML: .*recursion"),
     ],
 )
@@ -152,21 +149,6 @@ def jobs(*settings, file="NormalParallelOrcaH5W0_back_2", follower="ours"):
     )
 
 
-def test_a_study_elsewhere_has_the_episodes_of_the_package(tmp_path):
-    copy = tmp_path / "mine.toml"
-    copy.write_bytes(named_file("followbench", "experiment").read_bytes())
-    assert matching(load_study(str(copy)).files) == sorted(SAMPLE.rglob("*.yaml"))
-
-
-def test_the_code_of_a_follower_is_part_of_the_key(tmp_path):
-    mine = tmp_path / "mine.py"
-    keys = set()
-    for text in ("A = 1", "A = 2"):
-        mine.write_text(text)
-        keys |= {job.key for job in jobs(f"programs.follower={mine}:A")}
-    assert len(keys) == 2
-
-
 def test_an_episode_is_a_scenario_with_our_robot():
     scenario = scenario_of(CORRIDOR, 3)
     assert scenario.start.pose.x == pytest.approx(CORRIDOR.robot.x + 0.25)  # its middle
@@ -185,9 +167,8 @@ def test_our_robot_remains_on_its_side_of_the_target(beside, view):
     assert scenario.start.yaw_deg == pytest.approx(math.degrees(math.copysign(math.pi / 2, -left)))
 
 
-@pytest.mark.parametrize("follower", ["ours", "social"])
-def test_a_follower_follows_in_a_crowd_without_contact(follower):
-    (job,) = jobs("sim.duration_s=4.0", follower=follower)
+def test_our_follower_follows_in_a_crowd_without_contact():
+    (job,) = jobs("sim.duration_s=4.0")
     columns = followbench(job)
     labels = [columns[name] for name in ("kind", "class", "place", "people")]
     assert labels == ["open", "Parallel", "back", 5]

@@ -248,13 +248,3 @@ def test_a_person_who_stands_or_is_not_seen_is_not_refined(walk):
     standing = np.tile(joints[:1], (len(t), 1, 1))
     assert [*seen_stages(reported(t, standing))] == ["raw", "filtered"]
     assert [*seen_stages(reported(t, np.full_like(joints, np.nan)))] == ["raw"]
-
-
-def test_heel_and_ball_show_how_far_an_ankle_is_aside(walk):
-    t, joints = walk
-    wrong = joints.copy()
-    # the walk is along x
-    wrong[:, INDEX["left_ankle"], 1] += 0.03
-    aside = (refined(reported(t, wrong, 0.02)) - joints)[:, INDEX["left_ankle"], 1]
-    # the line is as sure as the ankle: errors of heel, ball and of the line's own 1 cm
-    assert 0.0 < aside.mean() < 0.02

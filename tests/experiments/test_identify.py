@@ -31,9 +31,8 @@ from mecazen_experiments.identify.motors import (
     identify_motors,
     response,
 )
-from mecazen_experiments.identify.validate import identified_robot, simulated, split
+from mecazen_experiments.identify.validate import split
 from mecazen_experiments.identify.windows import (
-    TURNS,
     check_wheels,
     cut,
     drifts,
@@ -195,16 +194,6 @@ def test_one_radius_fits_circles_and_squares_with_missing_time_made_up_for(sampl
     assert radii[1] == pytest.approx(radii[0], rel=0.008)
 
 
-def test_an_identified_robot_turns_in_the_simulation_as_identified(result, sample):
-    robot = identified_robot(OMNI4, result, sample[0])
-    assert robot.rollers.count == 6
-    run = sample[4]  # not the one by which the lever is set
-    lever, radius = (result.geometry.by_name[name] for name in ("lever_m", "radius_m"))
-    expected = (run.wheels[-1] - run.wheels[0]) @ TURNS * radius / 4.0 / lever
-    # the yaw gain depends on the rollers' phases: 1.5 % at most
-    assert simulated(robot, run)[-1, 2] == pytest.approx(expected, rel=0.005)
-
-
 def test_every_second_session_of_a_kind_of_path_is_held_out(sample):
     fitted, others = ({run.session for run in half} for half in split(sample))
     assert fitted == {"circular_231220200502", "square_080920201205"}
@@ -337,9 +326,7 @@ def test_csv_columns_are_read_by_name_and_times_since_1970(tmp_path):
     ("change", "message"),
     [
         (lambda r: {"wheels": r.wheels[:, [1, 0, 2, 3]]}, "do not explain the reference's motion"),
-        (lambda r: {"wheels": r.wheels * [1, -1, 1, 1]}, "do not explain"),
         (lambda r: {"wheels": np.degrees(r.wheels)}, "wheels of radius 0.00052"),
-        (lambda r: {"poses": r.poses * [1, 1, 57.3]}, "do not explain"),
         (lambda r: {"poses": 0.0 * r.poses}, "the reference must move and turn"),
     ],
 )
@@ -375,7 +362,6 @@ def odometry_s(reference, odometry):
     ("files", "message"),
     [
         (session((None, 7, None)), "run-01.csv.gz: must have rows with 8 columns"),
-        (session((4, 7, None)), "number of columns changed from 8 to 7 at row 5"),
         (session((4, 2, "x")), "could not convert string 'x' to float64 at row 4, column 3"),
         (session((4, 2, "nan")), "pose of sample 5 is not a finite number; 1 of 100"),
         (session((4, 0, 0.0)), "time must increase, but sample 5 is at 0 s after 0.03"),

@@ -101,7 +101,6 @@ def test_a_study_has_the_keys_of_the_study_that_it_extends(tmp_path):
 WRONG = [
     ('scenario = "back"', 'scenario = "bcak"', "bcak: no such scenario; did you mean back?"),
     ("seeds = 2", "seeds = 0", "seeds: got 0; allowed: a whole number >= 1"),
-    ("seeds = 2", "seed = 2", "seed: unknown key; did you mean seeds?"),
     ('["sim.duration_s=2.0", ', '["short", ', "--set short: must be key.path=value"),
     ('["left"] }', '["lfet"] }', "case 'drawn': only.view: no choice 'lfet'; did you mean left?"),
     ("only = { view", "only = { veiw", "only: no axis 'veiw'; did you mean view?"),
@@ -113,7 +112,6 @@ WRONG = [
     ('reference = { view = "back" }', "", "table 'Errors': 'ratio' needs a reference"),
     ("seeds = 2", 'seeds = 2\nprogram = "folowing"', "program: no 'folowing'; did you mean follow"),
     ("m_s=$speed", "m_s=$sped", "case 'slow': set: no value 'sped'; known: speed, bearing_deg"),
-    ("m_s=$speed", "m_s2=$speed", "target.path.speed_m_s2: unknown key; did you mean"),
 ]
 
 
@@ -130,7 +128,6 @@ AFTER_A_RUN = [
     ("d_err_m = 0.5", "d_errr_m = 0.5", "case 'slow': limits: no score 'd_errr_m'; did you mean"),
     ('y = ["d_err_m"]', 'y = ["d_err"]', "figure 'errors': y: no column 'd_err'; did you mean"),
     ("[[table]]", "[[table]]\nwhere = 'vie == 1'", "where = 'vie == 1': no column 'vie'; did you"),
-    ("[[table]]", "[[table]]\nwhere = 'd_err_m +'", "where = 'd_err_m +': invalid syntax"),
     ("[[table]]", "[[table]]\nwhere = 'd_err_m'", "where = 'd_err_m': must be true or false"),
     (
         "[[table]]",
