@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from codecs import BOM_UTF8
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from typing import Any, NamedTuple, cast
@@ -16,8 +16,15 @@ import msgspec
 
 from mecazen.errors import RefusedError as RefusedError  # noqa: PLC0414  # wire raises it
 from mecazen.errors import is_installed
-from mecazen.messages import LaserScan, Message, MessageT, Time, Twist, finite_scan
-from mecazen.text import unknown_fields
+from mecazen.messages import (
+    LaserScan,
+    Message,
+    MessageT,
+    Time,
+    Twist,
+    TwistStamped,
+    finite_scan,
+)
 
 NS_PER_S = 10**9
 MAX_SAMPLE_BYTES = 1 << 16
@@ -31,12 +38,8 @@ MAX_TIME_NS = 2**31 * 10**9 - 1
 JSON_ENCODING = "application/json"
 CDR_ENCODING = "application/cdr"
 
-STAMPED: Mapping[type[Message], str] = {Twist: "twist"}
-"""Messages that are accepted as a part of ROS's stamped message too, with the name of that part."""
-
 _STAMP = struct.Struct("<qII")
 _ENCODER = msgspec.json.Encoder()
-_fields_of = msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
 
 
 class Stamp(NamedTuple):
@@ -88,14 +91,8 @@ def encode(message: Message) -> bytes:
 
 
 @cache
-def _decoder(kind: Any) -> Callable[[bytes | msgspec.Raw], Any]:
+def _decoder(kind: Any) -> Callable[[bytes], Any]:
     return msgspec.json.Decoder(kind).decode
-
-
-@cache
-def _blank(kind: type[Message]) -> Message | None:
-    """Return the message without any given field; None if it has a required field."""
-    return None if any(f.required for f in msgspec.structs.fields(kind)) else kind()
 
 
 def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT:
@@ -110,8 +107,8 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
     Time(sec=1, nanosec=0)
 
     Raises:
-        RefusedError: The payload is empty, truncated or of a wrong type, names no field of the
-            message, or a number is not finite.
+        RefusedError: The payload is empty, truncated or of a wrong type, has an unknown field, or
+            a number is not finite.
     """
     if not payload:
         raise RefusedError("empty payload")
@@ -125,47 +122,15 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
 
 def _decoded(payload: bytes, kind: type[Message]) -> Message:
     try:
-        message: Message = _decoder(kind)(payload)
+        return cast(Message, _decoder(kind)(payload))
     except msgspec.ValidationError:
+        if kind is Twist and b'"twist"' in payload:
+            stamped: TwistStamped = _decoder(TwistStamped)(payload)
+            return stamped.twist
         if kind is not LaserScan:
             raise
         scan = _decoder(dict[str, Any])(payload)
         return msgspec.convert(finite_scan(scan), LaserScan)
-    if message == _blank(kind):  # because its fields are zero, or because they are misspelt
-        content: bytes | msgspec.Raw = payload
-        if (part := STAMPED.get(kind)) and part in (fields := _fields_of(payload)):
-            content = fields[part]
-            message = _decoder(kind)(content)
-        if not _has_known_field(content, message):
-            problem = next(unknown_fields(msgspec.json.decode(content), message))
-            raise RefusedError(f"not a {kind.ROS_TYPE}: {problem}")
-    return message
-
-
-def _has_known_field(payload: bytes | msgspec.Raw, message: msgspec.Struct) -> bool:
-    """Return whether an object has a field of the message, or no field at all."""
-    if not message.__struct_fields__ or not (fields := _fields_of(payload)):
-        return True
-    known = [(raw, getattr(message, name, raw)) for name, raw in fields.items()]
-    return any(
-        _has_known_field(raw, part) if isinstance(part, msgspec.Struct) else part is not raw
-        for raw, part in known
-    )
-
-
-def ignored_field(payload: bytes, encoding: str, message: Message) -> str | None:
-    """Return a line about the first unknown field in the JSON of a message; None if there is none.
-
-    >>> ignored_field(b'{"seconds": 1}', "", Time())
-    'seconds is ignored; did you mean sec? allowed: sec, nanosec'
-    """
-    if is_cdr(payload, encoding):
-        return None
-    try:
-        fields = msgspec.json.decode(payload.removeprefix(BOM_UTF8))
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-        return None  # the decoder of the message skips unknown fields even if they are malformed
-    return next(unknown_fields(fields.get(STAMPED.get(type(message)), fields), message), None)
 
 
 @cache

@@ -69,6 +69,7 @@ def _maker(fields: Iterable[tuple[str, Shape]]) -> Callable[..., dict[str, Any]]
     return lambda *values: {
         name: convert[name](value) if isinstance(value, np.ndarray) else value
         for name, value in zip(convert, values, strict=True)
+        if name != NO_FIELD
     }
 
 

@@ -152,13 +152,13 @@ def test_services_of_the_scenario_come_first():
     assert lines_of(status_of(sim=None, alive=()))[0] == "nobody simulates"
 
 
-def test_warnings_are_text_and_shown_once():
+def test_warnings_are_text():
     hostile = "[oops] \x1b[2J\x9b\u202e"
-    ignored = {"ignored/cmd_vel": hostile, f"hz/{hostile}": "1.0"}
-    status = status_of({"controller": ignored, hostile: ignored}, sim=SimState(mode=hostile))
-    assert status.warnings == (f"cmd_vel: {hostile}",)
+    report = {"warning/slow": hostile, f"hz/{hostile}": "1.0"}
+    status = status_of({"controller": report}, sim=SimState(mode=hostile))
+    assert status.warnings == (f"controller: slow {hostile}",)
     lines = lines_of(status)
-    assert lines[-1].startswith("warning: cmd_vel: [oops] ")
+    assert lines[-1].startswith("warning: controller: slow [oops] ")
     assert all(line.isprintable() for line in lines)
     many = {f"warning/{number}": "" for number in range(1000)}
     assert len(status_of({"controller": many}).warnings) == command.WARNINGS

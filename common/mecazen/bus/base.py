@@ -22,7 +22,7 @@ from mecazen.limits import refuse_implausible
 from mecazen.messages import Message, MessageT
 from mecazen.robots import join_key
 from mecazen.text import printable
-from mecazen.wire import RefusedError, Stamp, decode, ignored_field
+from mecazen.wire import RefusedError, Stamp, decode
 
 Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
 
@@ -120,8 +120,6 @@ class Bus:
         """Keys on the bus that differ from those of their topics, by topic key."""
         self.refused: Counter[str] = Counter()
         """Number of refused payloads, by key."""
-        self.ignored: dict[str, str] = {}
-        """The unknown field that was ignored last, by key."""
         self.lost: Counter[str] = Counter()
         """Number of samples that newer ones replaced before delivery, by key."""
         self.senders: dict[str, set[str]] = {}
@@ -172,7 +170,7 @@ class Bus:
         """Publish bytes on any key, as an external program would."""
         if key in self._topics:
             try:
-                sample = self._decode_sample(self._topics[key], payload, encoding, attachment)
+                sample = decode_sample(self._topics[key], payload, encoding, attachment)
             except RefusedError as refusal:
                 self.refuse(key, str(refusal))
             else:
@@ -245,17 +243,11 @@ class Bus:
     def refuse(self, key: str, reason: str, count: int = 1) -> None:
         """Count a payload of a key as refused, and log the refusal at most once a second."""
         self.refused[key] += count
-        total = self.refused[key]
-        self._log(key, f"msg=refused key={printable(key)} count={total} reason={reason!r}")
-
-    def _decode_sample(
-        self, topic: Topic[MessageT], payload: bytes, encoding: str, attachment: bytes | None
-    ) -> tuple[MessageT, Stamp | None]:
-        """Return `decode_sample`; note an unknown field of a sample without a stamp."""
-        message, stamp = decode_sample(topic, payload, encoding, attachment)
-        if stamp is None:  # people and external programs write it
-            self._note_ignored(self.key_of(topic), payload, encoding, message)
-        return message, stamp
+        now = time.monotonic()
+        if now - self._logged.get(key, -1.0) >= 1.0:
+            self._logged[key] = now
+            shown, total = printable(key), self.refused[key]
+            logger.warning("msg=refused key=%s count=%d reason=%.300r", shown, total, reason)
 
     def _decode_request(self, call: Call[RequestT, AnswerT], payload: bytes) -> RequestT:
         if not payload.strip():
@@ -266,20 +258,7 @@ class Bus:
         except RefusedError as refusal:
             self.refuse(call.key, str(refusal))
             raise
-        self._note_ignored(call.key, payload, "", request)
         return request
-
-    def _note_ignored(self, key: str, payload: bytes, encoding: str, message: Message) -> None:
-        line = ignored_field(payload, encoding, message)
-        if line is not None:
-            self.ignored[key] = line
-            self._log(key, f"msg=ignored key={key} reason={line!r}")
-
-    def _log(self, key: str, line: str) -> None:
-        now = time.monotonic()
-        if now - self._logged.get(key, -1.0) >= 1.0:
-            self._logged[key] = now
-            logger.warning("%s", line)
 
     def server(self, call: Call[RequestT, AnswerT]) -> Callable[[RequestT, Reply[AnswerT]], None]:
         """Return the function that answers a call in this process.

@@ -28,6 +28,7 @@ from mecazen.bus.base import (
     Publisher,
     Reply,
     StoppedError,
+    decode_sample,
     deliver,
 )
 from mecazen.bus.session import OPERATOR, ROUTER_ENTRIES, Mode, includes, open_session, reason_of
@@ -149,7 +150,7 @@ class ZenohBus(Bus):
                 if nothing is not None and not payload and attachment is not None:
                     nothing(Stamp.unpack(attachment))
                     return True
-                message, stamp = self._decode_sample(topic, payload, encoding, attachment)
+                message, stamp = decode_sample(topic, payload, encoding, attachment)
             except RefusedError as refusal:
                 self.refuse(key, str(refusal))
                 return False

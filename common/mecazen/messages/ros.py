@@ -1,7 +1,7 @@
 """ROS's own messages.
 
 Vectors are in metres and radians (or their rates) in the frame that the message or its
-header names. Numbers must be finite; unknown fields are ignored when decoding.
+header names. Numbers must be finite, and an unknown field is refused when decoding.
 The bounds of a field also determine its type in ROS.
 """
 
@@ -41,7 +41,7 @@ planar_entries = itemgetter(0, 1, 5, 6, 7, 11, 30, 31, 35)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
-class Message(msgspec.Struct, frozen=True):
+class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all messages."""
 
     ROS_TYPE: ClassVar[str]
@@ -146,6 +146,14 @@ class Twist(Message):
     def to_planar(self) -> Twist2D:
         """Return the planar part."""
         return Twist2D(self.linear.x, self.linear.y, self.angular.z)
+
+
+class TwistStamped(Message):
+    """A Twist with a header, which is accepted in place of a Twist."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/TwistStamped"
+    header: Header = Header()
+    twist: Twist = Twist()
 
 
 class Pose(Message):
@@ -367,8 +375,8 @@ class DiagnosticArray(Message):
     status: tuple[DiagnosticStatus, ...] = ()
 
 
-class Empty(Message):
-    """A request without arguments."""
+class Empty(Message, forbid_unknown_fields=False):
+    """A request without arguments; it is obeyed whatever it contains."""
 
     ROS_TYPE: ClassVar[str] = "std_msgs/msg/Empty"
 

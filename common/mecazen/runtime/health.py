@@ -51,10 +51,9 @@ class Health:
 
     def publish(self, stamp: Stamp, values: Mapping[str, object]) -> None:
         """Publish values and the state of the inputs at a tick."""
-        refused, ignored = self.bus.refused, self.bus.ignored
+        refused = self.bus.refused
         values = {**values, **self._rates(stamp), "refused_payloads": refused.total()}
         values |= {f"refused/{key}": count for key, count in refused.items()}
-        values |= {f"ignored/{key}": field for key, field in ignored.items()}
         values |= {f"lost/{key}": count for key, count in self.bus.lost.items()}
         returns = self.bus.presence.returns
         values |= {
@@ -64,7 +63,7 @@ class Health:
             if (part := join_key(name, robot)) in returns
         }
         programs = [str(ids) for key, ids in values.items() if key.startswith(PUBLISHERS)]
-        message = "unknown fields" if ignored else "ok"
+        message = "ok"
         if any(" " in ids for ids in programs):
             message = "several programs publish one key"
         if refused:

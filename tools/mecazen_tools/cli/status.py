@@ -42,7 +42,7 @@ simulated second."""
 LATE_S = 0.25
 """Time by which a report may be late before its service is stale [s]."""
 
-HZ, AGE, IGNORED, WARNING = "hz/", "age_s/", "ignored/", "warning/"
+HZ, AGE, WARNING = "hz/", "age_s/", "warning/"
 """Beginnings of the names of values: of an input's rate and age, and of warnings."""
 WARNINGS = 20
 """Maximum number of warnings shown."""
@@ -87,7 +87,7 @@ class Status(msgspec.Struct, frozen=True):
     drives: dict[str, str] = {}
     """The driver of each robot, by its name."""
     warnings: tuple[str, ...] = ()
-    """Warnings of services, and ignored fields of samples."""
+    """Warnings of services."""
 
 
 class Diagnostics:
@@ -242,15 +242,12 @@ class Diagnostics:
         )
 
     def _warnings(self) -> tuple[str, ...]:
-        warnings, ignored = [], []
-        for service, report in self.reports.items():
-            for name, text in report.items():
-                if name.startswith(WARNING):
-                    warnings.append(f"{service}: {name.removeprefix(WARNING)} {text}")
-                elif name.startswith(IGNORED):
-                    ignored.append(f"{name.removeprefix(IGNORED)}: {text}")
-        # several services receive one key
-        return tuple(dict.fromkeys((*warnings, *ignored)))[:WARNINGS]
+        return tuple(
+            f"{service}: {name.removeprefix(WARNING)} {text}"
+            for service, report in self.reports.items()
+            for name, text in report.items()
+            if name.startswith(WARNING)
+        )[:WARNINGS]
 
 
 def number(report: Report, name: str) -> float | None:

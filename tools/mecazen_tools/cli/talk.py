@@ -11,9 +11,8 @@ from mecazen.bus.session import includes
 from mecazen.errors import ConfigError
 from mecazen.keys import topic_of
 from mecazen.limits import refuse_implausible
-from mecazen.messages import Message
-from mecazen.text import printable, unknown_fields
-from mecazen.wire import JSON_ENCODING, STAMPED, RefusedError, decode
+from mecazen.text import printable
+from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from typer import Argument, Option
 
 from mecazen_tools.cli.options import receive, tool_bus
@@ -81,10 +80,6 @@ def pub(
             refuse_implausible(topic.key, content)
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
-    if isinstance(content, Message):
-        fields = msgspec.json.decode(payload)
-        for problem in unknown_fields(fields.get(STAMPED.get(type(content)), fields), content):
-            _warn(f"{key}: {problem}")
     if duration is not None and rate is None:
         raise ConfigError("--duration needs --rate")
     _warn_unknown(key)
