@@ -105,7 +105,6 @@ def rows(features: Set[str]) -> tuple[Row, ...]:
             outputs=(keys.PEOPLE,),
             rates={keys.PEOPLE.key: "sensors.skeleton_rate_hz"},
             shared=True,
-            checks_outputs=True,
             priority=2,
         ),
     ]
@@ -222,7 +221,6 @@ def _target(features: Set[str]) -> Row:
         inputs=tuple(inputs),
         outputs=(keys.TARGET_ODOM, *rates),
         rates={topic.key: rate for topic, rate in rates.items()},
-        checks_outputs=True,
         priority=2,
     )
 

@@ -18,12 +18,11 @@ from mecazen.config import Scenario
 from mecazen.errors import ConfigError, NodeError, RefusedError, explaining
 from mecazen.graph import Graph
 from mecazen.keys import CLOCK, Topic, of_robot
-from mecazen.limits import refuse_implausible
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robots import join_key, seed_of
 from mecazen.row import Input, Row, Rule
-from mecazen.wire import NS_PER_S, Stamp, encode
+from mecazen.wire import NS_PER_S, Stamp, decode, encode
 
 AHEAD_AT_MOST = 10_000
 """Maximum number of samples that wait in a slot for their ticks."""
@@ -179,7 +178,6 @@ class Turn:
         """The node, if it is in this process."""
         self.is_user = row.name in scenario.programs
         """Whether a user's class computes it."""
-        self.is_checked = self.is_user or row.checks_outputs
         self.remote: tuple[Slot, ...] = ()
         """The slots that other processes fill."""
         self._is_open = False
@@ -259,20 +257,8 @@ class Turn:
         waits = [s.giver for s in self.slots if s.giver and not s.lag and s.rule != "latest"]
         return max((1 + giver.depth() for giver in waits), default=0)
 
-    def refuse_implausible(self, outputs: Outputs) -> None:
-        """Refuse numbers that a receiver in another process would refuse.
-
-        Raises:
-            NodeError: A number is beyond its limit.
-        """
-        for topic, message in outputs.items():
-            try:
-                refuse_implausible(topic.name, message)
-            except RefusedError as refusal:
-                raise NodeError(f"{self.row.name} gives {topic.key} whose {refusal}") from None
-
-    def check_types(self, outputs: object) -> None:
-        """Refuse outputs that do not match the row.
+    def check(self, outputs: object) -> None:
+        """Refuse outputs that do not match the row, or that a receiver would refuse.
 
         Raises:
             NodeError: There is such an output.
@@ -291,11 +277,15 @@ class Turn:
                 )
             if topic not in self.outputs:
                 raise NodeError(f"{name} gives {topic.key}, which is not in its row")
-            size = len(encode(message))
-            if size > topic.max_bytes:
+            payload = encode(message)
+            if len(payload) > topic.max_bytes:
                 raise NodeError(
-                    f"{name} gives {topic.key} of {size} bytes, at most {topic.max_bytes}"
+                    f"{name} gives {topic.key} of {len(payload)} bytes, at most {topic.max_bytes}"
                 )
+            try:
+                decode(payload, topic.type)
+            except RefusedError as refusal:
+                raise NodeError(f"{name} gives {topic.key}: {refusal}") from None
 
 
 def turns_of(scenario: Scenario, graph: Graph) -> tuple[Turn, ...]:
@@ -429,11 +419,9 @@ class Loop:
         if turn.is_user:
             with turn.calling():
                 outputs = turn.running.step(tick, inputs)
-            turn.check_types(outputs)
+            turn.check(outputs)
         else:
             outputs = turn.running.step(tick, inputs)
-        if turn.is_checked:
-            turn.refuse_implausible(outputs)
         for topic, reason in inputs.refused:
             self._refuse(topic, reason)
         for topic in inputs.samples:

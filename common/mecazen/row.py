@@ -69,9 +69,6 @@ class Row:
     """Whether it only observes: no tick waits for it, and its exit is no error."""
     owns_time: bool = False
     """Whether it starts the ticks and runs that all other nodes follow."""
-    checks_outputs: bool = False
-    """Whether the numbers that it publishes are checked, since they follow from the user's
-    configuration; those of a user's class always are."""
     priority: int = 0
     """Real-time priority among the processes of the stack; 0: none."""
     resets_with: tuple[str, ...] = ()

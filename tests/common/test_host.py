@@ -234,7 +234,7 @@ def test_an_error_in_a_user_node_is_one_line_with_its_place(rig, method):
         ({CMD_VEL: m.Odometry()}, "follower: step returns cmd_vel as Odometry; it must be Twist"),
         (
             {CMD_VEL: m.Twist.planar(Twist2D(x=math.nan))},
-            "follower gives cmd_vel whose linear velocity nan is out of range",
+            "follower gives cmd_vel: not a geometry_msgs/msg/Twist: Expected `float`, got `null`",
         ),
     ],
 )

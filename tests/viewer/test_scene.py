@@ -142,8 +142,6 @@ def image(encoding: str, size: int) -> m.Image:
 @pytest.mark.parametrize(
     ("topic", "wrong"),
     [
-        (keys.GROUND_TRUTH, odometry(Pose2D(1e9))),
-        (keys.PEOPLE, m.People(persons=(m.Person("far", m.Pose.planar(Pose2D(1e9))),))),
         (keys.TARGET_SKELETON, m.Skeleton(joints=BODY[:1])),
         (keys.SKELETONS, m.Skeletons(skeletons=(m.Skeleton(joints=BODY, confidence=(1,)),))),
         (keys.DEPTH, image("rgb8", 12)),

@@ -18,7 +18,6 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
-from mecazen.limits import refuse_implausible
 from mecazen.messages import Message, MessageT
 from mecazen.robots import join_key
 from mecazen.text import printable
@@ -107,9 +106,9 @@ class Presence:
 class Bus:
     """Publish, subscribe, query, answer and liveliness.
 
-    The bus refuses a payload of a wrong type or size, or with an implausible number (see
-    `mecazen.limits`). It counts the refusal in `refused`, logs it at most once a second for each
-    key, and does not deliver the payload. So the last valid value remains in use.
+    The bus refuses a payload of a wrong type or size. It counts the refusal in `refused`, logs it
+    at most once a second for each key, and does not deliver the payload. So the last valid value
+    remains in use.
     """
 
     hears_itself: ClassVar[bool] = True
@@ -254,7 +253,6 @@ class Bus:
             return call.request()
         try:
             request = decode(payload, call.request)
-            refuse_implausible(call.key, request)
         except RefusedError as refusal:
             self.refuse(call.key, str(refusal))
             raise
@@ -299,11 +297,9 @@ def decode_sample(
     """Return the message of a topic's sample and its stamp.
 
     Raises:
-        RefusedError: The payload is no message of the topic, or a number is implausible.
+        RefusedError: The payload is no message of the topic.
     """
     if len(payload) > topic.max_bytes:
         raise RefusedError(f"payload of {len(payload)} bytes, at most {topic.max_bytes}")
     stamp = None if attachment is None else Stamp.unpack(attachment)
-    message = decode(payload, topic.type, encoding)
-    refuse_implausible(topic.name, message)
-    return message, stamp
+    return decode(payload, topic.type, encoding), stamp

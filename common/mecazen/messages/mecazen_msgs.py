@@ -8,6 +8,7 @@ from typing import Annotated
 import msgspec
 
 from mecazen.messages.ros import (
+    Coordinate,
     Count,
     Float,
     Floats,
@@ -53,7 +54,7 @@ class Skeleton(Message):
     height: Float = 0.0
     """Height of the body [m]; 0 if it is not known."""
     joints: tuple[Point, ...] = ()
-    std: Floats = ()
+    std: tuple[Coordinate, ...] = ()
     """Standard deviation of each joint along any axis [m]."""
     confidence: tuple[UInt32, ...] = ()
     """Confidence of each joint, as in k4abt: 0 none (out of view), 1 low (occluded), 2 medium."""

@@ -18,6 +18,9 @@ from mecazen.geometry import Pose2D, Twist2D
 
 # CDR may hold NaN and Infinity, which JSON lacks: the bounds refuse both
 Float = Annotated[float, msgspec.Meta(ge=-1.797e308, le=1.797e308)]
+FARTHEST = 1e7
+"""Largest coordinate [m] and component of a velocity [m/s, rad/s]; UTM has coordinates of 1e7."""
+Coordinate = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
 Int32 = Annotated[int, msgspec.Meta(ge=-(2**31), le=2**31 - 1)]
 Float32 = Annotated[float, msgspec.Meta(ge=-3.4028234663852886e38, le=3.4028234663852886e38)]
 """A number that ROS stores in 32 bits. Its producer rounds it, so that a recording is
@@ -107,27 +110,27 @@ class Vector3(Message):
     """A free vector."""
 
     ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Vector3"
-    x: Float = 0.0
-    y: Float = 0.0
-    z: Float = 0.0
+    x: Coordinate = 0.0
+    y: Coordinate = 0.0
+    z: Coordinate = 0.0
 
 
 class Point(Message):
     """A position [m]."""
 
     ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Point"
-    x: Float = 0.0
-    y: Float = 0.0
-    z: Float = 0.0
+    x: Coordinate = 0.0
+    y: Coordinate = 0.0
+    z: Coordinate = 0.0
 
 
 class Quaternion(Message):
     """An orientation; the identity by default."""
 
     ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Quaternion"
-    x: Float = 0.0
-    y: Float = 0.0
-    z: Float = 0.0
+    x: Coordinate = 0.0
+    y: Coordinate = 0.0
+    z: Coordinate = 0.0
     w: Float = 1.0
 
 
@@ -219,7 +222,7 @@ class JointState(Message):
     header: Header = Header()
     name: tuple[str, ...] = ()
     position: Floats = ()
-    velocity: Floats = ()
+    velocity: tuple[Coordinate, ...] = ()
     effort: Floats = ()
 
 

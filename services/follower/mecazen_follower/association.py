@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
-from mecazen.limits import FARTHEST_M
-from mecazen.messages import PlanarCovariance
+from mecazen.messages import FARTHEST, PlanarCovariance
 from mecazen.walkers import WalkerTrack
 
 from mecazen_follower.estimators import Estimate
@@ -82,9 +81,9 @@ def check(measurement: Measurement) -> Measurement:
             finite, symmetric and positive semidefinite.
     """
     pose, covariance, _ = measurement
-    if not all(abs(number) <= FARTHEST_M for number in pose):
+    if not all(abs(number) <= FARTHEST for number in pose):
         raise RefusedError(f"observation is out of range: {tuple(pose)}")
-    if not all(abs(number) <= FARTHEST_M**2 for row in covariance for number in row):
+    if not all(abs(number) <= FARTHEST**2 for row in covariance for number in row):
         raise RefusedError("covariance of an observation must be finite")
     (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
     symmetric = all(

@@ -22,7 +22,6 @@ from mecazen.keys import (
     call_of_robot,
     of_robot,
 )
-from mecazen.limits import FASTEST_PERSON
 from mecazen.messages import (
     Header,
     JointState,
@@ -49,7 +48,7 @@ from mecazen.wire import NS_PER_S
 
 from mecazen_physics.instruments import Battery, Encoders, Imu
 from mecazen_physics.motors import real_motors
-from mecazen_physics.people import MovingPerson, ReportedPerson
+from mecazen_physics.people import FASTEST_PERSON, MovingPerson, ReportedPerson
 from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
 from mecazen_physics.start import check_added, check_obstacles, check_person, steps_per_tick

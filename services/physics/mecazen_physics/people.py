@@ -8,12 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D, rotate
-from mecazen.limits import FASTEST_PERSON, FASTEST_PUSH
 from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, LIMBS
 
 from mecazen_physics.footprint import Footprint
 
+FASTEST_PERSON = 20.0
+"""Largest speed of a person between two samples [m/s]; faster people would shove robots."""
+FASTEST_PUSH = 10.0
+"""Largest speed with which a person pushes robots [m/s]."""
 LEGS = [limb for limb in LIMBS if limb.name.endswith(("thigh", "shank", "foot"))]
 """The limbs that robots can reach."""
 _BEGINS = [INDEX[limb.begin] for limb in LEGS]

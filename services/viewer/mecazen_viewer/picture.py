@@ -15,7 +15,6 @@ from mecazen.config.world import Box, Cylinder
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, PoseHistory, Standoff, Twist2D, wrap
 from mecazen.graph import WORLDS
-from mecazen.limits import FARTHEST_M
 from mecazen.parameters import settings_of, with_added
 from mecazen.portable import Floats
 from mecazen.robot import WHEELS
@@ -138,8 +137,6 @@ class Picture:
         """Move the robot, the view that follows it, and the grid below."""
         pose, p, q = _planar(odom), odom.pose.pose.position, odom.pose.pose.orientation
         position, turn = np.array((p.x, p.y, p.z)), np.array((q.x, q.y, q.z, q.w))
-        if max(np.abs(position).max(), np.abs(turn).max()) > FARTHEST_M:
-            raise RefusedError(f"pose out of range: {odom.pose.pose}")
         self._log(layout.ROBOT, scene.frame(position, turn))
         person = self._person.newest or pose
         middle = Pose2D((pose.x + person.x) / 2.0, (pose.y + person.y) / 2.0)
@@ -214,7 +211,7 @@ class Picture:
             if person.joints:
                 joints.append(senses.joints_of(person)[None])
             else:
-                pose, twist = _in_range(person.pose.to_planar()), person.twist.to_planar()
+                pose, twist = person.pose.to_planar(), person.twist.to_planar()
                 motion = PersonMotion(pose, twist)
                 joints.append(self._walk(person.id, motion, person.height)[None])
         self._log(layout.PEOPLE, senses.bodies(np.concatenate(joints), heights, senses.OTHER))
@@ -262,7 +259,7 @@ class Picture:
         self._log_state("follower", "tracking", state.tracking, state.reason)
         if not (state.estimate and state.goal and self._is_due(layout.ESTIMATE)):
             return
-        person, goal = _planar(state.estimate[0]), _in_range(state.goal[0].to_planar())
+        person, goal = _planar(state.estimate[0]), state.goal[0].to_planar()
         covariance = scene.drawable_covariance(state.estimate[0].pose.covariance)
         self._place(layout.ESTIMATE, scene.planar_frame(person))
         self._place(layout.ESTIMATE_ELLIPSE, scene.ellipse(person.x, person.y, covariance))
@@ -358,7 +355,7 @@ class Picture:
 
     def _in_world(self, frame: m.Observation) -> Pose2D | None:
         """Return the observed position in world, with the yaw of the observation's frame."""
-        observation = _in_range(frame.poses[0].pose.to_planar())
+        observation = frame.poses[0].pose.to_planar()
         if frame.header.frame_id not in ("base_link", self._scenario.controller.base_frame_id):
             return observation._replace(yaw=0.0)
         robot = self._robot.at(frame.header.stamp.ns)
@@ -386,13 +383,7 @@ def _solved(height_m: float) -> WalkingPerson:
 
 
 def _planar(odom: m.Odometry) -> Pose2D:
-    return _in_range(odom.pose.pose.to_planar())
-
-
-def _in_range(pose: Pose2D) -> Pose2D:
-    if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
-        raise RefusedError(f"pose out of range: {pose.x}, {pose.y}")
-    return pose
+    return odom.pose.pose.to_planar()
 
 
 def _number(text: str) -> float:

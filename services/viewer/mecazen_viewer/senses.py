@@ -13,7 +13,6 @@ from mecazen.arrays import rotate
 from mecazen.config.sensors import TrackerConfig
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
-from mecazen.limits import FARTHEST_M
 from mecazen.portable import Floats
 from mecazen.robot import CameraMount
 from mecazen.skeleton import INDEX, JOINTS, LIMBS, PARENTS
@@ -139,14 +138,11 @@ def joints_of(skeleton: m.Skeleton | m.Person) -> Floats:
     """Return the joints (20, 3) [m].
 
     Raises:
-        RefusedError: Their number is wrong, or they are out of range.
+        RefusedError: Their number is wrong.
     """
     if len(skeleton.joints) != len(JOINTS):
         raise RefusedError(f"a skeleton has {len(JOINTS)} joints, not {len(skeleton.joints)}")
-    joints: Floats = np.array([(joint.x, joint.y, joint.z) for joint in skeleton.joints])
-    if np.abs(joints).max() > FARTHEST_M:
-        raise RefusedError("joints out of range")
-    return joints
+    return np.array([(joint.x, joint.y, joint.z) for joint in skeleton.joints])
 
 
 def _to_world(points: Floats, robot: Pose2D) -> Floats:

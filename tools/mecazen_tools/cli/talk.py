@@ -10,7 +10,6 @@ import typer
 from mecazen.bus.session import includes
 from mecazen.errors import ConfigError
 from mecazen.keys import topic_of
-from mecazen.limits import refuse_implausible
 from mecazen.text import printable
 from mecazen.wire import JSON_ENCODING, RefusedError, decode
 from typer import Argument, Option
@@ -75,9 +74,7 @@ def pub(
         raise ConfigError(f"{key}: an expression; a message goes to one key, such as cmd_vel")
     payload = message.encode()
     try:
-        content = _read(key, payload, JSON_ENCODING)
-        if (topic := topic_of(key)) is not None:
-            refuse_implausible(topic.key, content)
+        _read(key, payload, JSON_ENCODING)
     except (RefusedError, msgspec.MsgspecError) as error:
         raise ConfigError(f"{key}: {error}") from None
     if duration is not None and rate is None:
