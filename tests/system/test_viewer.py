@@ -183,5 +183,5 @@ def test_a_recorded_run_of_several_robots_is_shown_whole(tmp_path, attach):
     (recording,) = attach.get_state().recordings
     paths = paths_of(attach, recording)
     for robot in ("one", "two"):
-        expected = {"world/robot/roller", *ROBOT_PLOTS}
+        expected = {"world/robot/front_left_roller_00", *ROBOT_PLOTS}
         assert {f"/{path_of_robot(path, robot)}" for path in expected} <= paths

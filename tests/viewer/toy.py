@@ -29,6 +29,3 @@ def stl(*triangles: tuple[tuple[float, float, float], ...]) -> bytes:
         for facet in triangles
     )
     return bytes(80) + struct.pack("<I", len(triangles)) + facets
-
-
-SQUARE = stl(((0, 0, 0), (1, 0, 0), (1, 1, 0)), ((0, 0, 0), (1, 1, 0), (0, 1, 0)))

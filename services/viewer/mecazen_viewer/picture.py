@@ -132,6 +132,7 @@ class Picture:
         self._model = RobotModel(read(description.urdf), description.meshes)
         for path, shape in self._model.shapes:
             self._log(path, shape, static=True)
+        self.on_joint_states(m.JointState())
 
     def on_ground_truth(self, odom: m.Odometry) -> None:
         """Move the robot, the view that follows it, and the grid below."""
