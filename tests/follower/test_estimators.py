@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,6 +11,7 @@ from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen_follower.estimators import ESTIMATORS, make_estimator
 from mecazen_follower.estimators.imm import (
     IDENTITY,
+    MIN_STEP,
     MODES,
     OBSERVED,
     SIZE,
@@ -49,11 +49,23 @@ def frame(estimator, pose):
     estimator.update(Pose2D(float(pose[0]), float(pose[1]), wrap(float(pose[2]))), NOISE)
 
 
+def turning(seconds, rng):
+    """Yield truth, estimate and NIS after each frame; the truth moves as the filter assumes."""
+    estimator = make("ekf_ctrv", **MATCHED)
+    variances = np.square([MATCHED["sway_m_sqrt_m"], MIN_STEP, 0.0, 0.3, 0.3])
+    state = rng.normal(size=5) * [5.0, 5.0, 2.0, 1.0, 0.5]
+    for _ in range(round(seconds / FRAME_S)):
+        frame(estimator, state[:3] + white(rng))
+        yield state[:3], estimator.estimate, estimator.nis
+        root = np.linalg.cholesky(process_noise(variances, state, FRAME_S))
+        state = ctrv(state, FRAME_S)[0] + root @ rng.normal(size=5)
+
+
 def total_nees(runs):
     """Return the sum of the normalised squared errors at the ends of walks of 2 s."""
     rng, total = np.random.default_rng(7), 0.0
     for _ in range(runs):
-        *_, (truth, estimate, _) = constant_velocity(2.0, rng)
+        *_, (truth, estimate, _) = turning(2.0, rng)
         error = truth - np.array(estimate.pose)
         error[2] = wrap(error[2])
         total += error @ np.linalg.solve(np.array(estimate.covariance), error)
@@ -134,24 +146,11 @@ def test_looking_ahead_changes_nothing_and_a_reset_all(estimator):
     assert estimator.estimate == first  # to the last bit
 
 
-def constant_velocity(seconds, rng, std=0.4, yaw_std=0.3):
-    """Yield truth, estimate and NIS after each update; the truth moves as the filter assumes."""
-    estimator = make("kf_cv", acceleration_std_m_s2=std, yaw_acceleration_std_rad_s2=yaw_std)
-    step = np.array([[1.0, FRAME_S], [0.0, 1.0]])
-    root = np.linalg.cholesky(Q_continuous_white_noise(2, FRAME_S, 1.0))
-    scale = np.array([[std], [std], [yaw_std]])
-    state = np.column_stack([rng.normal(size=3) * 5.0, rng.normal(size=3) * [1.0, 1.0, 0.5]])
-    for _ in range(round(seconds / FRAME_S)):
-        frame(estimator, state[:, 0] + white(rng))
-        yield state[:, 0], estimator.estimate, estimator.nis
-        state = state @ step.T + scale * (rng.normal(size=(3, 2)) @ root.T)
-
-
 def test_errors_of_a_matched_model_are_chi_square():
     # independent runs, 3 degrees of freedom each; two-sided 99.9 %
     assert chi2.ppf(0.0005, 180) < total_nees(60) < chi2.ppf(0.9995, 180)
     # innovations of a right filter are white, so one run will do
-    _, *nis = [nis for _, _, nis in constant_velocity(40.0, np.random.default_rng(8))]
+    _, *nis = [nis for _, _, nis in turning(40.0, np.random.default_rng(8))]
     assert chi2.ppf(0.0005, 3 * len(nis)) < sum(nis) < chi2.ppf(0.9995, 3 * len(nis))
 
 
@@ -176,41 +175,22 @@ def test_the_displacement_filter_takes_motion_for_the_yaw(velocity, yaw, expecte
     assert after.pose.yaw == pytest.approx(expected, abs=1e-6)
 
 
-# P[x, x] = 0.0125 both times: 0.0025 + 0.25 * 0.04 of drift, or + 1 * 0.1² of the first speed;
-# so S = 0.015, K = 5/6, x = 1/12 and NIS = 0.01 / 0.015. The speed is (1 - e^-0.02) * x / 0.04
-# of the smoothing, or 0.1 / S of 0.1 m.
-@pytest.mark.parametrize(
-    ("name", "params", "after_s", "speed"),
-    [
-        (
-            "kf_displacement",
-            {"position_drift_m_sqrt_s": 0.5, "smoothing_s": 2.0},
-            0.04,
-            (1 - math.exp(-0.02)) / 0.48,
-        ),
-        ("kf_cv", {"acceleration_std_m_s2": 1e-6}, 0.1, 2 / 3),
-    ],
-)
-def test_linear_filter_has_the_gain_computed_by_hand(name, params, after_s, speed):
-    estimator = make(name, **params)
+# P[x, x] = 0.0125: 0.0025 + 0.25 * 0.04 of drift; so S = 0.015, K = 5/6, x = 1/12 and
+# NIS = 0.01 / 0.015. The speed is (1 - e^-0.02) * x / 0.04 of the smoothing.
+def test_linear_filter_has_the_gain_computed_by_hand():
+    estimator = make("kf_displacement", position_drift_m_sqrt_s=0.5, smoothing_s=2.0)
     estimator.update(Pose2D(), NOISE)
-    estimator.predict(after_s)
+    estimator.predict(0.04)
     estimator.update(Pose2D(0.1, 0.0, 0.0), NOISE)
     assert estimator.estimate.pose.x == pytest.approx(1 / 12)
-    assert estimator.estimate.velocity.x == pytest.approx(speed)
+    assert estimator.estimate.velocity.x == pytest.approx((1 - math.exp(-0.02)) / 0.48)
     assert estimator.estimate.covariance[0][0] == pytest.approx(0.0125 / 6)
     assert estimator.nis == pytest.approx(2 / 3)
 
 
-@pytest.mark.parametrize(
-    ("name", "params", "twist"),
-    [
-        ("kf_cv", {}, Twist2D(0.8, 0.0, 0.0)),
-        ("ekf_ctrv", MATCHED, Twist2D(0.8, 0.0, -0.5)),
-    ],
-)
-def test_a_steady_walk_is_predicted_exactly(name, params, twist):
-    estimator, pose = make(name, **params), Pose2D(1.0, 2.0, 3.0)
+def test_a_steady_walk_is_predicted_exactly():
+    twist = Twist2D(0.8, 0.0, -0.5)
+    estimator, pose = make("ekf_ctrv", **MATCHED), Pose2D(1.0, 2.0, 3.0)
     for _ in range(1000):  # 40 s without noise: nothing of the start is left
         pose = pose.integrate(twist, FRAME_S)
         frame(estimator, pose)

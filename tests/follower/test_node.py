@@ -212,7 +212,7 @@ def test_refused_frame_changes_nothing():
 
 @pytest.mark.parametrize("jump", [Pose2D(5.0, 5.0, 0.0), Pose2D(0.0, 0.0, math.pi / 2)])
 def test_odometry_jump_resets_the_track(jump):
-    follower = Follower(estimator="kf_cv")
+    follower = Follower(estimator="imm")
     for tick in range(0, 41, 4):
         follower.tick(tick, person=AHEAD)
     command, state = follower.tick(41, jump)
@@ -289,7 +289,7 @@ def test_a_change_that_changes_nothing_changes_no_bit(settings):
 
 
 def test_a_changed_standoff_keeps_the_person():
-    follower = Follower(estimator="kf_cv")
+    follower = Follower(estimator="imm")
     _, before = follower.drive(range(20))[-1]
     follower.configure(standoff_m=1.5, view="front")
     command, after = follower.tick(20, Pose2D(0.04))

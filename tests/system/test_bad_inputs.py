@@ -80,7 +80,7 @@ BAD = [
     ((*NOBODY, "record", "-o", "/dev/null/run.mcap"), ("tcp/127.0.0.1:1",)),
     # settings
     setting("physics.dt_s=0.0019", "sim.tick_s", "nearest: 0.0016666666666666668, 0.002"),
-    setting("follower.estimator=magic", "magic", "kf_cv"),
+    setting("follower.estimator=magic", "magic", "kf_displacement"),
     setting("target.path.file=x.csv", "x.csv", scenario="pedestrian"),
     setting("start={x_m=0.1}", "start", "inside the person"),
     setting("services=['physics','pilot']", "pilot", "nodes: body"),

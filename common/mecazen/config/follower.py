@@ -19,17 +19,6 @@ class Params(Section):
     yaw_std_deg: Positive = 5.0
 
 
-class ConstantVelocityParams(Params):
-    """Parameters of `kf_cv`.
-
-    The accelerations are white noise. Each is given by the square root of its spectral density:
-    the standard deviation of its mean over 1 s, which does not depend on the tick.
-    """
-
-    acceleration_std_m_s2: Positive = 0.2
-    yaw_acceleration_std_rad_s2: Positive = 0.15
-
-
 class DisplacementParams(Params):
     """Parameters of `kf_displacement`."""
 
@@ -68,7 +57,6 @@ class ImmParams(TurnRateParams):
 
 PARAMS: dict[str, type[Params]] = {
     "none": Params,
-    "kf_cv": ConstantVelocityParams,
     "kf_displacement": DisplacementParams,
     "ekf_ctrv": CtrvParams,
     "imm": ImmParams,

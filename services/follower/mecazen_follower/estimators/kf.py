@@ -1,91 +1,18 @@
-"""Linear Kalman filters: constant velocity along the axes of odom, and the paper's filter."""
+"""The paper's Kalman filter."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from mecazen.config.follower import ConstantVelocityParams, DisplacementParams
+from mecazen.config.follower import DisplacementParams
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.portable import inverse
 
-from mecazen_follower.estimators.base import (
-    INITIAL_SPEED_STD_M_S,
-    INITIAL_YAW_RATE_STD_RAD_S,
-    Array,
-    Estimate,
-    Estimator,
-    as_tuple,
-)
+from mecazen_follower.estimators.base import Array, Estimate, Estimator, as_tuple
 
 IDENTITY = np.eye(3)
-
-
-class ConstantVelocityFilter(Estimator, name="kf_cv"):
-    """Constant velocity in x, y and yaw, each disturbed by white acceleration.
-
-    State [x, vx, y, vy, yaw, yaw rate] in odom; the observation is x, y and yaw. The model is
-    from Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation,
-    section 6.2.2, in its discretised continuous-time form: ten steps of 1 ms equal one of 10 ms.
-    """
-
-    _pose: ClassVar[list[int]] = [0, 2, 4]
-
-    def __init__(self, params: ConstantVelocityParams) -> None:
-        super().__init__(params)
-        speed = INITIAL_SPEED_STD_M_S**2
-        self._initial = speed, speed, INITIAL_YAW_RATE_STD_RAD_S**2
-        linear = params.acceleration_std_m_s2**2
-        self._densities = linear, linear, params.yaw_acceleration_std_rad_s2**2
-        self._dt = 0.0
-        self._F: Array = np.eye(6)
-        self._Q: Array = np.zeros((6, 6))
-        self.reset()
-
-    def reset(self) -> None:
-        """Discard the estimate."""
-        self.nis = None
-        self._filter: Any = None
-
-    def predict(self, dt: float) -> None:
-        """Propagate the estimate by `dt` [s] at its velocity."""
-        if self._filter is None:
-            return
-        if dt != self._dt:
-            self._dt = dt
-            from filterpy import common  # noqa: PLC0415  # as in `kalman`
-
-            step = np.array([[1.0, dt], [0.0, 1.0]])
-            noise = common.Q_continuous_white_noise(2, dt, 1.0)
-            self._F = np.kron(np.eye(3), step)
-            self._Q = np.kron(np.diag(self._densities), noise)
-        self._filter.predict(F=self._F, Q=self._Q)
-        self._filter.x[4] = wrap(float(self._filter.x[4]))
-
-    def _observe(self, observation: Pose2D, noise: Array) -> None:
-        if self._filter is None:
-            state, covariance = np.zeros(6), np.zeros((6, 6))
-            state[self._pose] = observation
-            covariance[np.ix_(self._pose, self._pose)] = noise
-            covariance[1, 1], covariance[3, 3], covariance[5, 5] = self._initial
-            self._filter = kalman(state, covariance, np.eye(6)[self._pose])
-            return
-        kf = self._filter
-        yaw = float(kf.x[4])
-        unwrapped = yaw + wrap(observation.yaw - yaw)
-        kf.update(np.array([observation.x, observation.y, unwrapped]), R=noise)
-        kf.x[4] = wrap(float(kf.x[4]))
-        self.nis = nis_of(kf)
-
-    @property
-    def estimate(self) -> Estimate | None:
-        """The current estimate."""
-        if self._filter is None:
-            return None
-        x, vx, y, vy, yaw, yaw_rate = self._filter.x.tolist()
-        covariance = self._filter.P[::2, ::2]  # x, y and yaw precede their rates
-        return Estimate(Pose2D(x, y, yaw), Twist2D(vx, vy, yaw_rate), as_tuple(covariance))
 
 
 class DisplacementFilter(Estimator, name="kf_displacement"):
@@ -139,7 +66,7 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
 
     def _observe(self, observation: Pose2D, noise: Array) -> None:
         if self._filter is None:
-            self._filter = kalman(np.array(observation), noise, np.eye(2, 3))
+            self._filter = _kalman(np.array(observation), noise, np.eye(2, 3))
             self._corrected = np.array(observation)
             return
         kf = self._filter
@@ -147,7 +74,8 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
         moved = self._velocity * self._elapsed
         kf.predict(u=moved, B=IDENTITY, Q=np.diag([drift, drift, 0.0]))
         kf.update(np.array(observation[:2]), R=noise[:2, :2])
-        self.nis = nis_of(kf)
+        innovation = kf.y.astype(float)
+        self.nis = float(np.einsum("i,ij,j", innovation, kf.SI, innovation))
         if self._elapsed > 0.0:
             weight = -math.expm1(-self._elapsed / self._smoothing)
             displacement = (kf.x - self._corrected) / self._elapsed
@@ -180,7 +108,7 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
         )
 
 
-def kalman(state: Array, covariance: Array, H: Array) -> Any:
+def _kalman(state: Array, covariance: Array, H: Array) -> Any:
     """Return filterpy's filter, which starts with a state (n) and observes H (m, n) times it.
 
     Its arrays hold Python's floats: NumPy multiplies such arrays without BLAS, whose results depend
@@ -193,9 +121,3 @@ def kalman(state: Array, covariance: Array, H: Array) -> Any:
     kf.x, kf.P, kf.H = state.astype(object), covariance.astype(object), H
     kf.inv = lambda S: inverse(S.astype(float))
     return kf
-
-
-def nis_of(kf: Any) -> float:
-    """Return the normalised innovation squared of the last update."""
-    y = kf.y.astype(float)
-    return float(np.einsum("i,ij,j", y, kf.SI, y))
