@@ -36,10 +36,9 @@ from mecazen.node import Inputs
 from mecazen.portable import Floats
 from mecazen.row import Row, due, every
 from mecazen.wire import NS_PER_S
-from mecazen_follower.association import Measurement
 from mecazen_follower.estimators import Array, Estimate, Estimator
+from mecazen_follower.measurement import Frame, Measurement
 from mecazen_follower.node import FollowerNode
-from mecazen_follower.tracker import Frame
 from mecazen_people.paths import make_path
 from mecazen_people.wander import DIFFUSION, RELAXATION_1_S, Kind, segments, walker
 from mecazen_tools.observe import observe
@@ -208,7 +207,7 @@ class OracleFollower(FollowerNode):
         """Begin a run."""
         super().reset(seed)
         self._truth = Truth(Params())
-        self.following.people.estimator = self._truth
+        self.people.estimator = self._truth
 
     def _frame(self, now_ns: int, inputs: Inputs, topic: Topic[Observation]) -> Frame | None:
         if topic is not OBSERVATION:

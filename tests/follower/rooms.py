@@ -9,11 +9,12 @@ from mecazen.config.follower import PlannerConfig
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import LaserScan
-from mecazen_follower.control import FieldOfView, PolarController
+from mecazen_follower.control import PolarController
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import Extents, Rollout, Situation
 from mecazen_follower.planner.mppi import Planner
 from mecazen_follower.planner.surroundings import Shadows
+from mecazen_follower.sight import FieldOfView
 
 SCENARIO = Scenario(robot=load_robot())
 DRIVE = Drive.from_scenario(SCENARIO)

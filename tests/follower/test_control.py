@@ -12,14 +12,13 @@ from mecazen.config.follower import Gains, PidControl, PolarControl
 from mecazen.drive import Drive, Limits
 from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate
 from mecazen_follower.control import (
-    ALL_AROUND,
     PolarController,
     PolarTwist,
     PoseController,
     allocate,
-    kept_view,
     pid,
 )
+from mecazen_follower.sight import ALL_AROUND, kept_view
 from planar import angles, poses, standoffs, twists
 
 DT = 0.01

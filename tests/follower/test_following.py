@@ -7,45 +7,43 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from follower.rooms import DRIVE
-from mecazen.config import FollowerConfig, SensorConfig
+from follower.stepped import Follower
+from mecazen.config import FollowerConfig
 from mecazen.config.follower import PidControl, PolarControl
-from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_follower.association import Measurement
-from mecazen_follower.control import ALL_AROUND, FieldOfView
-from mecazen_follower.following import SEARCH, Following
-from mecazen_follower.tracker import Frame
+from mecazen.messages import diagonal_covariance
+from mecazen_follower.node import TURN_RAD_S
 
 DT = 0.01
-EXACT = ((1e-8, 0.0, 0.0), (0.0, 1e-8, 0.0), (0.0, 0.0, 1e-8))
+FIELDS = FollowerConfig.__struct_fields__
+EXACT = diagonal_covariance((1e-8, 1e-8, 0.0, 0.0, 0.0, 1e-8))
+
+
+def follower_of(config, **sensor):
+    return Follower(**sensor, **{name: getattr(config, name) for name in FIELDS})
 
 
 @pytest.mark.parametrize(
-    ("side", "view", "yaw"),
-    [
-        (1.0, ALL_AROUND, 0.0),
-        (1.0, FieldOfView(0.4), SEARCH),
-        (-1.0, FieldOfView(0.4, math.pi / 2), SEARCH),
-    ],
+    ("side", "fov_deg", "yaw"),
+    [(1.0, 360.0, 0.0), (1.0, 75.0, TURN_RAD_S), (-1.0, 75.0, TURN_RAD_S)],
 )
-def test_a_limited_view_searches_where_the_person_went(side, view, yaw):
-    following = Following(FollowerConfig(lost_after_s=2.0), SensorConfig(), DRIVE, view)
-    place = Pose2D(yaw=view.centre).compose(Pose2D(1.0, 0.5 * side))  # before the camera
+def test_a_limited_view_searches_where_the_person_went(side, fov_deg, yaw):
+    follower = follower_of(FollowerConfig(lost_after_s=2.0), fov_deg=fov_deg)
     for tick in range(round(4.0 / DT)):
-        seen = Frame(tick * DT, (Measurement(place, EXACT),)) if tick < 10 else None
-        command = following.step(tick * DT, DT, Pose2D(), seen).command
+        seen = Pose2D(1.0, 0.5 * side) if tick < 10 else None
+        command, _ = follower.tick(tick, Pose2D(), seen, seen_in="odom", noise=EXACT)
     assert command == (0.0, 0.0, yaw * side)
 
 
 def turns_around(yaw_std_deg, seconds):
     """Return how far [m] the robot goes round a person who stands, seen with a turning heading."""
-    following, robot = Following(FollowerConfig(), SensorConfig(), DRIVE), Pose2D(-1.0)
-    covariance = np.diag([1e-4, 1e-4, math.radians(yaw_std_deg) ** 2]).tolist()
+    follower, robot = follower_of(FollowerConfig()), Pose2D(-1.0)
+    noise = diagonal_covariance((1e-4, 1e-4, 0.0, 0.0, 0.0, math.radians(yaw_std_deg) ** 2))
     for tick in range(round(seconds / DT)):
-        seen = Pose2D(yaw=math.pi / 2)  # they face left: behind them is to the right
-        frame = Frame(tick * DT, (Measurement(seen, covariance),)) if tick % FRAME == 0 else None
-        robot = robot.integrate(following.step(tick * DT, DT, robot, frame).command, DT)
+        # they face left: behind them is to the right
+        seen = Pose2D(yaw=math.pi / 2) if tick % FRAME == 0 else None
+        command, _ = follower.tick(tick, robot, seen, seen_in="odom", noise=noise)
+        robot = robot.integrate(command, DT)
     return abs(robot.y)
 
 
@@ -58,7 +56,7 @@ def test_robot_waits_until_the_heading_is_known():
 
 FRAME = 4
 """Ticks from one frame to the next: 25 Hz."""
-UNKNOWN = ((0.0, 0.0, 0.0),) * 3
+UNKNOWN = (0.0,) * 36
 """The sensor reports no covariance; the estimator's parameters replace it."""
 NOISE = 0.05, math.radians(5.0)
 """Standard deviations of the observed position [m] and yaw [rad]."""
@@ -117,7 +115,7 @@ def follow(
     has standard deviations like `NOISE`, and reports `covariance` after `sensor_delay` [s].
     """
     rng, respond = random.Random(1), robot or lagging()
-    following = Following(config, SensorConfig(), Drive())
+    follower = follower_of(config)
     person = Pose2D()
     pose = config.standoff.goal(person)
     frames = deque([None] * round(sensor_delay / DT))
@@ -128,9 +126,13 @@ def follow(
             seen = Pose2D(
                 rng.gauss(x, noise[0]), rng.gauss(y, noise[0]), wrap(rng.gauss(yaw, noise[1]))
             )
-            frame = Frame(tick * DT, [Measurement(pose.compose(seen), covariance)])
+            frame = tick, pose.compose(seen)
         frames.append(frame)
-        twist = respond(following.step(tick * DT, DT, pose, frames.popleft()).command)
+        captured, seen = frames.popleft() or (None, None)
+        command, _ = follower.tick(
+            tick, pose, seen, captured=captured, seen_in="odom", noise=covariance
+        )
+        twist = respond(command)
         pose = pose.integrate(twist, DT)
         person = person.integrate(walk(tick * DT), DT)
         yield person, pose, twist
@@ -184,7 +186,7 @@ def mean_error(*, response=0.0, robot_delay=0.0, noise=0.0, **sensor):
         walk=lambda _: Twist2D(0.5, 0.0, 0.5),
         noise=(noise, noise),
         robot=delayed(robot_delay),
-        covariance=np.eye(3) * 0.01**2,
+        covariance=diagonal_covariance((1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-4)),
         **sensor,
     )
     errors = [robot.distance(config.standoff.goal(person)) for person, robot, _ in ticks]

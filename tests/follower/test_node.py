@@ -5,13 +5,13 @@ import math
 import msgspec
 import pytest
 from follower.rooms import scan, wall
-from harness import SCENARIOS, Rig, Steps, error_of, load_robot
+from follower.stepped import NEXUS, ORIGIN, PERSON, PROPORTIONAL, Follower
+from harness import SCENARIOS, Rig, error_of
 from hostile import forged
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import FollowerConfig, Scenario, SensorConfig, SimConfig
+from mecazen.config import FollowerConfig, Scenario, SimConfig
 from mecazen.config.follower import (
-    AngularGains,
     LinearGains,
     PidControl,
     PlannerConfig,
@@ -22,65 +22,11 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
 from mecazen.messages import diagonal_covariance
 from mecazen.runtime.live import LiveParameters, refuse_unsuitable
-from mecazen_follower.association import NO_HEADING
+from mecazen_follower.measurement import NO_HEADING
 from mecazen_follower.node import FollowerNode
 
-NEXUS = load_robot()
-ZEROS = (0.0,) * 36
-ORIGIN, AHEAD, PERSON = Pose2D(), Pose2D(1.5), Pose2D(1.5, 0.3, 0.2)
+AHEAD = Pose2D(1.5)
 WALL = wall(1.0, 2.0, 1.0)
-_LINEAR = LinearGains(kp=1.0, ki=0.0, limit=2.0)
-PROPORTIONAL = PidControl(_LINEAR, _LINEAR, AngularGains(kp=1.0, ki=0.0, limit=2.0))
-"""1 m/s for each metre that is missing."""
-
-
-class Follower(Steps):
-    """Uses observations unfiltered, and drives at 1 m/s for each metre by default."""
-
-    def __init__(self, tick_s=None, latency_s=0.0, kind="pose", fov_deg=360.0, **settings):
-        config = FollowerConfig(**{"estimator": "none", "control": PROPORTIONAL, **settings})
-        sensor = SensorConfig(kind=kind, latency_s=latency_s, fov_deg=fov_deg)
-        scenario = Scenario(robot=NEXUS, sensor=sensor, follower=config)
-        super().__init__(FollowerNode, scenario, tick_s)
-
-    def tick(
-        self,
-        tick,
-        robot=ORIGIN,
-        person=None,
-        *,
-        captured=None,
-        seen_in="base_link",
-        noise=ZEROS,
-        topic=keys.OBSERVATION,
-        **samples,
-    ):
-        """Return command and state of a tick; its frame is empty where no person is given."""
-        now = m.Time.from_ns(tick * self.tick_ns)
-        samples = {getattr(keys, name.upper()): message for name, message in samples.items()}
-        samples[keys.ODOM] = m.planar_odometry(now, "odom", "base_link", robot, Twist2D())
-        if person is not None or tick % 4 == 0:
-            time = m.Time.from_ns((tick if captured is None else captured) * self.tick_ns)
-            poses = () if person is None else (m.PoseWithCovariance(m.Pose.planar(person), noise),)
-            samples[topic] = m.Observation(m.Header(time, seen_in), poses)
-        outputs = self.step(tick, samples)
-        assert list(outputs) == [keys.FOLLOWER_STATE, keys.CMD_VEL]
-        state = outputs[keys.FOLLOWER_STATE]
-        assert state.header == m.Header(now, "odom")
-        return outputs[keys.CMD_VEL].to_planar(), state
-
-    def drive(self, ticks):
-        """Return the outputs for a robot that moves along x past a standing person."""
-        robots = [(tick, Pose2D(0.002 * tick)) for tick in ticks]
-        return [
-            self.tick(tick, robot, robot.between(PERSON) if tick % 4 == 0 else None)
-            for tick, robot in robots
-        ]
-
-    def configure(self, **settings):
-        scenario = self.node.scenario
-        section = msgspec.structs.replace(scenario.follower, **settings)
-        self.node.configure(msgspec.structs.replace(scenario, follower=section))
 
 
 def estimate_of(state):
@@ -113,7 +59,7 @@ def test_detection_in_base_link_is_placed_in_odom():
 
 
 def test_waiting_following_coasting_lost_and_following_again():
-    follower = Follower(coast_after_s=0.1, lost_after_s=0.5)
+    follower = Follower(lost_after_s=0.5)
     assert follower.node.diagnostics() == {"nis": None}
     seen = [AHEAD if 8 <= tick <= 20 or tick >= 100 else None for tick in range(121)]
     steps = [
@@ -246,6 +192,25 @@ def test_short_gaps_of_ticks_are_integrated():
     assert command.x == pytest.approx(0.5 + 0.5 * 0.04)
 
 
+@pytest.mark.parametrize(
+    ("services", "is_open"),
+    [(("hardware", "controller"), True), (("physics", "sensors", "controller"), False)],
+)
+def test_0_is_no_return_of_a_real_lidar(services, is_open):
+    planner = PlannerConfig(samples=100)
+    follower = Follower(estimator="imm", control=PolarControl(), planner=planner, services=services)
+    near = scan(ORIGIN, [(0.4, 0.25, 0.1)])
+    zeros = (0.0,) * (len(near.ranges) - 1)
+    free = msgspec.structs.replace(near, ranges=(*zeros, 2.0))
+    for tick in range(0, 40, 4):
+        header = m.Header(m.Time.from_ns(tick * follower.tick_ns))
+        seen = msgspec.structs.replace(near if tick < 20 else free, header=header)
+        _, state = follower.tick(tick, person=AHEAD, scan=seen)
+        if tick == 16:
+            assert state.plan != "open"
+    assert (state.plan == "open") is is_open
+
+
 def test_long_gap_and_new_run_reset_all_state():
     planner = PlannerConfig(samples=100)
     used, new = (Follower(estimator="imm", control=PolarControl(), planner=planner) for _ in "ab")
@@ -308,7 +273,6 @@ def test_a_changed_standoff_keeps_the_person():
         ({"control": {"kind": "fuzzy"}}, r"'fuzzy' - at `\$.control.kind`"),
         ({"control": {"kind": "pid", "x": {"kp": -1.0}}}, r"\$.control.x.kp"),
         ({"planner": {"priorities": ["distance"]}}, "priorities must be distance, visibility, "),
-        ({"planner": {"rate_hz": 30.0}}, "rate_hz = 30 must divide the tick rate of 100 Hz"),
         ({"standoff_m": 0.5}, "follower.standoff_m = 0.5 must be at least 0.58: the radii of"),
     ],
 )

@@ -12,7 +12,7 @@ from mecazen.messages import Header, LaserScan, Point, Skeleton, Skeletons
 from mecazen.node import Inputs, Tick
 from mecazen.scan import clusters, ranges_of
 from mecazen.skeleton import JOINTS
-from mecazen_follower.association import NO_HEADING
+from mecazen_follower.measurement import NO_HEADING
 from mecazen_follower.perception import (
     GAP_M,
     PAIR_STD_M,

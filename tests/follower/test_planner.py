@@ -20,24 +20,19 @@ from follower.rooms import (
     still,
     wall,
 )
-from harness import SCENARIOS
-from mecazen.config import SensorConfig
-from mecazen.config.follower import PidControl, PlannerConfig
+from follower.stepped import Follower
+from mecazen.config.follower import PidControl, PlannerConfig, PolarControl
 from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
-from mecazen.loading import load_scenario, parse_settings
-from mecazen_follower.association import Measurement
-from mecazen_follower.control import ALL_AROUND
-from mecazen_follower.following import Following
-from mecazen_follower.node import make_planner
+from mecazen.messages import Header, Time, diagonal_covariance
 from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs
 from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of
 from mecazen_follower.planner.surroundings import CELL_M, MEMORY_S, DistanceField, LocalMap, Shadows
 from mecazen_follower.search import Search
-from mecazen_follower.tracker import Frame
+from mecazen_follower.sight import ALL_AROUND
 from msgspec.structs import replace
 
 ORIGIN = Pose2D()
-SURE = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-3))
+SURE = diagonal_covariance((1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-3))
 NO_RETURN = 13.0
 PILLAR = 0.4, 0.25, 0.1
 """In the way of a robot at the origin."""
@@ -56,25 +51,6 @@ def test_hidden_points_are_remembered_for_a_while():
     assert (has(pillar), has(removed)) == (True, False)
     local_map.see(MEMORY_S + 0.1, scan(ORIGIN, [screen]), ORIGIN, away)
     assert not has(pillar)
-
-
-@pytest.mark.parametrize(
-    ("services", "state"),
-    [(["hardware", "controller"], "open"), (["physics", "controller"], "avoiding")],
-)
-def test_0_is_no_return_of_a_real_lidar(services, state):
-    settings = f"services={services}", 'sensor.also=["lidar"]', "follower.planner={samples=100}"
-    scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(settings))
-    planner, person = make_planner(scenario, scenario.sensor, 1), standing((1.0, 0.0, 0.0))
-    planner.command(0.0, TICK, person, ORIGIN, Twist2D())
-    planner.see(0.0, scan(ORIGIN, [PILLAR, *legs(1.0, 0.0)]), ORIGIN)
-    planner.command(0.2, TICK, person, ORIGIN, Twist2D())
-    assert planner.plan.state == "avoiding"
-    free = scan(ORIGIN, legs(1.0, 0.0))
-    ranges = tuple(0.0 if value == NO_RETURN else value for value in free.ranges)
-    planner.see(0.3, replace(free, ranges=ranges), ORIGIN)
-    planner.command(0.4, TICK, person, ORIGIN, Twist2D())
-    assert planner.plan.state == state
 
 
 @pytest.mark.parametrize("control", [None, PidControl()])
@@ -150,18 +126,31 @@ def test_a_crossing_walker_may_pass():
 def test_all_are_predicted_over_the_dead_time(walkers):
     # At 1.3 m/s and 0.5 s robot, person and walkers are 0.65 m farther when the robot responds. Any
     # of them at another time is in the way: the person's legs, or the walker, 1.03 m away.
-    config, planner = planner_of({"response_s": 0.5, "standoff_m": 1.2})
-    following = Following(config, SensorConfig(), DRIVE, planner=planner)
+    follower = Follower(
+        TICK,
+        estimator="imm",
+        control=PolarControl(),
+        planner=PlannerConfig(samples=400),
+        response_s=0.5,
+        standoff_m=1.2,
+    )
     robot, twist, plans = Pose2D(), Twist2D(1.3), []
     sent = deque([twist] * 10)
     for tick in range(60):
-        time, x = TICK * tick, 1.3 * TICK * tick
+        x = 1.3 * TICK * tick
         circles = [leg for dx, y in [(1.2, 0.0), *walkers] for leg in legs(x + dx, y)]
-        planner.see(time, scan(robot, circles), robot)
-        frame = Frame(time, (Measurement(Pose2D(x + 1.2, 0.0), SURE),))
-        step = following.step(time, TICK, robot, frame)
-        plans.append(step.plan.state)
-        sent.append(step.command)
+        now = Header(Time.from_ns(tick * follower.tick_ns))
+        seen = scan(robot.compose(follower.node.lidar.pose), circles)
+        command, state = follower.tick(
+            tick,
+            robot,
+            Pose2D(x + 1.2, 0.0),
+            seen_in="odom",
+            noise=SURE,
+            scan=replace(seen, header=now),
+        )
+        plans.append(state.plan)
+        sent.append(command)
         twist = DRIVE.step(twist, sent.popleft(), 2.0, TICK)
         robot = robot.integrate(twist, TICK)
     # the estimate has no velocity at first

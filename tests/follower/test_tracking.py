@@ -8,8 +8,9 @@ import pytest
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.association import DOUBT_S, NO_HEADING, Measurement, check, is_flipped
-from mecazen_follower.tracker import MAX_RATIO, Frame, PersonTracker, ReportedNoise
+from mecazen_follower.association import DOUBT_S, is_flipped
+from mecazen_follower.measurement import NO_HEADING, Frame, Measurement, check
+from mecazen_follower.tracker import MAX_RATIO, PersonTracker, ReportedNoise
 
 FRAME_S = 0.04
 STD = np.array([0.05, 0.05, math.radians(5.0)])

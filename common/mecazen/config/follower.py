@@ -146,11 +146,7 @@ class PolarControl(Section, tag_field="kind", tag="polar"):
 class PlannerConfig(Section):
     """The planner of paths round obstacles and people that the lidar sees."""
 
-    rate_hz: Positive = 20.0
-    """Plans per second; divides the tick rate."""
     samples: Annotated[int, msgspec.Meta(ge=100, le=20_000)] = 1000
-    horizon_s: Annotated[float, msgspec.Meta(ge=0.5, le=5.0)] = 2.5
-    """Time that a plan looks ahead."""
     clearance_m: Live[Positive] = 0.12
     """Minimum distance between the robot and everything else."""
     priorities: Live[tuple[str, ...]] = PRIORITIES
@@ -189,8 +185,6 @@ class FollowerConfig(Section):
     """Left out: the robot drives straight to its place, without regard to obstacles."""
     response_s: NonNegative = 0.0
     """Dead time from a command to the robot's motion; commands are computed for that time ahead."""
-    coast_after_s: Positive = 0.1
-    """Time without an observation after which the tracking state is `coasting`."""
     lost_after_s: Positive = 4.0
     """Time without an observation after which the person is `lost`: the robot searches or stops."""
     search_s: Live[NonNegative] = 60.0
@@ -199,11 +193,6 @@ class FollowerConfig(Section):
     def __post_init__(self) -> None:
         if (self.bearing_deg is None) != (self.heading_deg is None):
             raise ValueError("bearing_deg and heading_deg must be given together")
-        if self.lost_after_s <= self.coast_after_s:
-            raise ValueError(
-                f"lost_after_s = {self.lost_after_s:g} must be above "
-                f"coast_after_s = {self.coast_after_s:g}"
-            )
         make_params(self.estimator, self.estimator_params)
 
     @property

@@ -8,21 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
-from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
-from mecazen.messages import FARTHEST, PlanarCovariance
+from mecazen.messages import PlanarCovariance
 from mecazen.walkers import WalkerTrack
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.estimators.base import MIN_NOISE
+from mecazen_follower.measurement import Measurement
 
-NO_HEADING = 100.0
-"""Minimum variance of a heading that is not observed [rad²]."""
-MARGIN = 1e-13
-"""Margin by which a covariance must exceed semidefinite, as a share of its variances: scaling and
-adding covariances rounds each number by a relative 1e-16."""
 GATE = 25.0
 """Gate of the squared Mahalanobis distance in the plane: 1 in 270,000 true detections is beyond."""
 NAMELESS_GATE = 9.0
@@ -53,58 +46,6 @@ CROWD = 30
 """Maximum number of detections per frame, nearest first; the work grows with its square."""
 FLIP_PROBABILITY = 0.03
 """Probability that a tracker confuses front and back."""
-
-
-class Measurement(NamedTuple):
-    """An observed pose of a person in odom, and its 3x3 covariance of (x, y, yaw)."""
-
-    pose: Pose2D
-    covariance: PlanarCovariance
-    identity: str = ""
-    """The sensor's id of the person; empty if there is none."""
-
-    def has_id(self, identity: str) -> bool:
-        """Return whether the sensor gave this id; no id is equal to an empty one."""
-        return identity != "" and self.identity == identity
-
-
-def has_heading(measurement: Measurement) -> bool:
-    """Return whether the sensor observed the heading."""
-    return measurement.covariance[2][2] < NO_HEADING
-
-
-def check(measurement: Measurement) -> Measurement:
-    """Return a measurement that every estimator can use.
-
-    Raises:
-        RefusedError: The pose is not finite or farther than 1000 km, or the covariance is not
-            finite, symmetric and positive semidefinite.
-    """
-    pose, covariance, _ = measurement
-    if not all(abs(number) <= FARTHEST for number in pose):
-        raise RefusedError(f"observation is out of range: {tuple(pose)}")
-    if not all(abs(number) <= FARTHEST**2 for row in covariance for number in row):
-        raise RefusedError("covariance of an observation must be finite")
-    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
-    symmetric = all(
-        math.isclose(upper, lower, rel_tol=1e-5, abs_tol=1e-8)  # to single precision
-        for upper, lower in ((xy, yx), (xw, wx), (yw, wy))
-    )
-    least, kept = float(MIN_NOISE[0, 0]), 1.0 - MARGIN
-    variances = xx * kept + least, yy * kept + least, ww * kept + least
-    if not (symmetric and _is_positive(*variances, yx, wx, wy)):
-        raise RefusedError("covariance of an observation must be symmetric and positive")
-    return measurement
-
-
-def _is_positive(xx: float, yy: float, ww: float, yx: float, wx: float, wy: float) -> bool:
-    """Return whether a symmetric matrix is positive definite, by Gaussian elimination."""
-    if xx <= 0.0:
-        return False
-    yy -= yx / xx * yx
-    wy -= wx / xx * yx
-    ww -= wx / xx * wx
-    return yy > 0.0 and ww - wy / yy * wy > 0.0
 
 
 class OtherTrack:
@@ -335,7 +276,7 @@ class Association:
         self._hits += 1
         self._last = seen.pose
         self._identity = seen.identity or self._identity
-        if not has_heading(seen):
+        if not seen.has_heading:
             return seen, False  # it neither contradicts nor confirms the heading
         variance = person.covariance[2][2] + seen.covariance[2][2]
         if not is_flipped(wrap(seen.pose.yaw - person.pose.yaw), variance):

@@ -10,6 +10,8 @@ from mecazen.config.follower import Gains, PidControl, PolarControl
 from mecazen.drive import Drive
 from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate, wrap
 
+from mecazen_follower.sight import ALL_AROUND, FieldOfView
+
 TURN_SHARE = 0.5
 """Share of the rim speed that a turn to the person gets before the distance."""
 SIGNS = tuple(product((1.0, -1.0), repeat=3))
@@ -22,8 +24,6 @@ CATCH_UP_M_S = 0.2
 
 LINEAR_BRAKING_M_S2, HEADING_BRAKING_RAD_S2 = 2.0, 6.0
 """Decelerations that the robot can achieve."""
-MARGIN = math.radians(15.0)
-"""Angle between the kept view of the person and the edge of the field of view [rad]."""
 
 
 def approach(error: float, gain: float, deceleration: float) -> float:
@@ -33,26 +33,6 @@ def approach(error: float, gain: float, deceleration: float) -> float:
     """
     size = abs(error)
     return math.copysign(min(gain * size, math.sqrt(2.0 * deceleration * size)), error)
-
-
-class FieldOfView(NamedTuple):
-    """Directions within `half` of the direction `centre` in base_link [rad], up to a range [m]."""
-
-    half: float = math.inf
-    centre: float = 0.0
-    max_range: float = math.inf
-
-
-ALL_AROUND = FieldOfView()
-
-
-def kept_view(fov: float, centre: float = 0.0) -> FieldOfView:
-    """Return the view in which to keep the person, for a field of view `fov` about `centre` [rad].
-
-    The result leaves a margin to the edge of the field of view. The robot turns when the person
-    enters this margin.
-    """
-    return ALL_AROUND if fov >= math.tau else FieldOfView(max(fov / 2 - MARGIN, fov / 4), centre)
 
 
 class PolarController:

@@ -4,31 +4,37 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
-from functools import partial
+from collections import deque
 from itertools import repeat
 
 from mecazen import messages as m
-from mecazen.config import FollowerConfig, Scenario, SensorConfig
+from mecazen.config import Scenario
+from mecazen.config.follower import PidControl, PolarControl
 from mecazen.drive import Drive
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, PoseHistory, Twist2D, jumped, rotate, wrap
 from mecazen.graph import SEARCHES
 from mecazen.keys import CMD_VEL, FOLLOWER_STATE, LEGS, OBSERVATION, ODOM, SCAN, Topic
-from mecazen.messages import PlanarCovariance, planar_covariance, ros_covariance
+from mecazen.messages import planar_covariance, ros_covariance
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen.ticks import ticks_per_sample
+from mecazen.scan import ranges_of
 from mecazen.wire import NS_PER_S
 from msgspec.structs import replace
 
-from mecazen_follower.association import Measurement, check
-from mecazen_follower.control import FieldOfView, kept_view
+from mecazen_follower.control import (
+    HEADING_BRAKING_RAD_S2,
+    LINEAR_BRAKING_M_S2,
+    PolarController,
+    PoseController,
+    approach,
+)
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.following import Following, Step
-from mecazen_follower.planner.costs import Extents
+from mecazen_follower.measurement import Frame, Measurement, check, rotated
+from mecazen_follower.planner.costs import Extents, Plan
 from mecazen_follower.planner.mppi import Planner
-from mecazen_follower.search import Search
-from mecazen_follower.tracker import Frame, TrackingState
+from mecazen_follower.search import Look, Search
+from mecazen_follower.sight import ALL_AROUND, data_sheet, field_of, view_of
+from mecazen_follower.tracker import PersonTracker, TrackingState
 
 logger = logging.getLogger(__name__)
 
@@ -40,10 +46,16 @@ CLEARANCE_M = 0.1
 SHORTLY_UNSEEN = (TrackingState.WAITING, TrackingState.FOLLOWING, TrackingState.COASTING)
 """The states before the person is lost."""
 
-BESIDE = math.sin(math.radians(60.0))
-"""Sine of the bearing beyond which the robot is beside the person. If the robot turns away from its
-heading there, its wheels are too slow to return. So the robot does not turn to keep the person in
-the camera's view and relies on the lidar, unless the planner gives up the heading first."""
+HARDLY_WALKS_M_S, UNKNOWN_RAD = 0.2, math.radians(25.0)
+"""Speed and standard deviation of the heading: slower than the first, with the heading less certain
+than the second, a person has no direction that the robot could go round them for. It waits."""
+
+TURN_RAD_S = 1.0
+"""Yaw rate at which a robot without an all-around view looks for a lost person [rad/s]."""
+NEAR_M = 0.3
+"""A place that is nearer has no direction [m]."""
+SEARCH_GAIN_1_S, SEARCH_M_S, SEARCH_RAD_S = 2.0, 1.0, 2.0
+"""Gain of the way, and greatest speeds [m/s, rad/s], of a robot that searches."""
 
 
 class FollowerNode(Node):
@@ -59,6 +71,8 @@ class FollowerNode(Node):
         super().__init__(scenario)
         self.config = scenario.follower
         self.sensor = data_sheet(scenario)
+        self.lidar = scenario.robot.lidar
+        self._field = field_of(scenario, self.sensor)
         person, robot = scenario.world.person.radius_m, math.hypot(*scenario.robot.footprint)
         least = person + robot + CLEARANCE_M
         if self.config.standoff_m < least:
@@ -67,38 +81,68 @@ class FollowerNode(Node):
                 f"the radii of the person, {person:g}, and of the robot, {robot:.2f}, and "
                 f"{CLEARANCE_M:g} between them"
             )
-        if self.config.planner is not None:
-            key, rate_hz = "follower.planner.rate_hz", self.config.planner.rate_hz
-            ticks_per_sample(key, rate_hz, scenario.sim.tick_s)
-        self.lidar = scenario.robot.lidar
 
     def reset(self, seed: int) -> None:
         """Discard the person and the robot's past poses."""
         self._seed = seed
-        sensor, drive = self.sensor, Drive.from_scenario(self.scenario)
-        view = view_of(self.scenario, sensor, self.config)
+        scenario, config = self.scenario, self.config
         # scans wait for camera frames, which arrive later
-        hold_s = sensor.latency_s if sensor.kind == "fused" else 0.0
-        planner = make_planner(self.scenario, sensor, seed)
-        begin_search = make_search(self.scenario, sensor)
-        self.following = Following(self.config, sensor, drive, view, hold_s, planner, begin_search)
-        self._forget_poses()
+        hold_s = self.sensor.latency_s if self.sensor.kind == "fused" else 0.0
+        self.people = PersonTracker(config, self.sensor, hold_s)
+        self._drive = Drive.from_scenario(scenario)
+        self._view = view_of(self._field, self.sensor, config)
+        self._controller: PoseController | PolarController
+        if isinstance(config.control, PidControl):
+            self._controller = PoseController(config.control)
+        else:
+            self._controller = PolarController(
+                config.standoff, config.control, self._drive, self._view
+            )
+        self.planner: Planner | None = None
+        if config.planner is not None:
+            body = Extents(*scenario.robot.footprint, scenario.world.person.radius_m)
+            self.planner = Planner(config, self._drive, body, self._field, seed)
+        self._side = 1.0
+        self._pending: deque[tuple[Twist2D, float]] = deque()
+        """Commands to which the robot has not responded yet, with their durations [s]."""
         self.state: m.FollowerState | None = None
         self._newest = m.Observation()
         """The newest frame of the sensor by which the person is found."""
         self._newest_ns = -math.inf
         """Time of its arrival."""
+        self._forget()
 
-    def _forget_poses(self) -> None:
+    def _forget(self) -> None:
+        """Forget everything that has a place in odom."""
         self.robot = PoseHistory(round((HISTORY_S + self.sensor.latency_s) * NS_PER_S))
         self._pose: Pose2D | None = None
         """The newest pose of the robot."""
+        self._sight: Estimate | None = None
+        """The person when last seen."""
+        self._stop_search()
+        self.people.forget()
+        self._controller.stop()
+        if self.planner is not None:
+            self.planner.forget()
+
+    def _stop_search(self) -> None:
+        self._searching: Search | None = None
+        self._look: Look | None = None
+        self._sent = Twist2D()
 
     def configure(self, scenario: Scenario) -> None:
         """Use the changed configuration from now on."""
         super().configure(scenario)
-        view = view_of(scenario, self.sensor, self.config)
-        self.following.configure(self.config, Drive.from_scenario(scenario), view)
+        config, self._drive = self.config, Drive.from_scenario(scenario)
+        self._view = view_of(self._field, self.sensor, config)
+        if isinstance(config.control, PidControl):
+            assert isinstance(self._controller, PoseController)  # its kind can't change
+            self._controller.configure(config.control)
+        else:
+            assert isinstance(self._controller, PolarController)
+            self._controller.configure(config.standoff, config.control, self._drive, self._view)
+        if self.planner is not None:
+            self.planner.configure(config, self._drive)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
         """Return the state of a tick and its command."""
@@ -109,45 +153,161 @@ class FollowerNode(Node):
         odom = inputs[ODOM]
         robot = odom.pose.pose.to_planar()
         if self._pose is not None and jumped(self._pose, robot, period_s):
-            self._forget_poses()
-            self.following.forget()
+            self._forget()
         self._pose = robot
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
         # legs are observations too; with a camera, only camera frames can start a track
         legs = self._frame(tick.time_ns, inputs, LEGS)
         if legs is not None:
-            self.following.people.add(legs._replace(begins=self.sensor.kind == "legs"))
+            self.people.add(legs._replace(begins=self.sensor.kind == "legs"))
         self._take_scan(inputs)
         frame = self._frame(tick.time_ns, inputs, OBSERVATION)
-        step = self.following.step(time_s, period_s, robot, frame)
-        reason = self._reason(tick.time_ns, robot, step)
-        self._log_change(step.tracking, reason)
-        self.state = _state(odom.header, self.config.estimator, step, reason)
+        person = self.people.step(time_s, frame, self.config.standoff.person(robot))
+        tracking, plan = self.people.state, None
+        if person is None:
+            command = self._controller.stop()
+        elif tracking is TrackingState.LOST:
+            command, plan = self._search(robot, period_s)
+            if plan is not None and plan.state == "searching":
+                tracking = TrackingState.SEARCHING
+        else:
+            self._stop_search()
+            if tracking is TrackingState.FOLLOWING:
+                self._sight = person
+            command = self._follow(time_s, person, robot, period_s)
+            seen = robot.between(person.pose)
+            self._side = rotate(seen.x, seen.y, -self._view.centre)[1]
+            plan = None if self.planner is None else self.planner.plan
+        self._note_sent(command, period_s)
+        reason = self._reason(tick.time_ns, robot, tracking, person)
+        self._log_change(tracking, reason)
+        self.state = m.FollowerState(
+            header=odom.header, tracking=tracking, reason=reason, estimator=self.config.estimator
+        )
+        if person is not None:
+            self.state = self._with_person(self.state, person, robot, plan)
         # the state precedes the command: a client that has a tick's command has all of the tick
-        return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(step.command)}
+        return {FOLLOWER_STATE: self.state, CMD_VEL: m.Twist.planar(command)}
 
-    def _reason(self, now_ns: int, robot: Pose2D, step: Step) -> str:
+    def _with_person(
+        self, state: m.FollowerState, person: Estimate, robot: Pose2D, plan: Plan | None
+    ) -> m.FollowerState:
+        errors = self.config.standoff.errors(person.pose, robot)
+        return replace(
+            state,
+            estimate=(_odometry(state.header, person),),
+            goal=(m.Pose.planar(self.config.standoff.goal(person.pose)),),
+            distance_error=errors.distance,
+            bearing_error=errors.bearing,
+            heading_error=errors.yaw,
+            last_seen_s=self.people.unseen,
+            plan="" if plan is None else plan.state,
+            plan_reason="" if plan is None else plan.reason,
+        )
+
+    def _follow(self, time: float, person: Estimate, robot: Pose2D, dt: float) -> Twist2D:
+        """Return the command for the time at which the robot responds to it.
+
+        Until then the person walks on, and the robot executes the pending commands.
+        """
+        response_s, standoff = self.config.response_s, self.config.standoff
+        person = person.after(response_s)
+        for command, duration in self._pending:
+            robot = robot.integrate(command, duration)
+        if isinstance(self._controller, PolarController):  # the published law has no such rule
+            person = self._heading_held(person, robot)
+        goal = standoff.goal(person.pose)
+        velocity = standoff.goal_velocity(person.pose, person.velocity)
+        command = self._controller.command(goal, velocity, robot, dt)
+        if self.planner is None:
+            return command
+        planned = self.planner.command(time + response_s, dt, person, robot, command)
+        if planned is not command:
+            self._controller.resume(planned)
+        return planned
+
+    def _heading_held(self, person: Estimate, robot: Pose2D) -> Estimate:
+        """Return the person, with an unknown heading as that for which the robot stands right.
+
+        The robot then keeps its distance, and does not go round a person who hardly walks.
+        """
+        speed = math.hypot(person.velocity.x, person.velocity.y)
+        if speed >= HARDLY_WALKS_M_S or math.sqrt(person.covariance[2][2]) <= UNKNOWN_RAD:
+            return person
+        x, y, _ = person.pose
+        yaw = wrap(math.atan2(robot.y - y, robot.x - x) - self.config.standoff.bearing)
+        velocity = person.velocity._replace(yaw=0.0)
+        return person._replace(pose=Pose2D(x, y, yaw), velocity=velocity)
+
+    def _note_sent(self, command: Twist2D, dt: float) -> None:
+        """Note a command as pending for `dt` [s]."""
+        response_s = self.config.response_s
+        if response_s == 0.0:
+            return
+        self._pending.append((command, dt))
+        while math.fsum(duration for _, duration in self._pending) > response_s + dt / 2:
+            self._pending.popleft()
+
+    def _search(self, robot: Pose2D, dt: float) -> tuple[Twist2D, Plan | None]:
+        """Return the command for a person who is lost: drive and look, or turn, or stand."""
+        twist, plan = self._controller.stop(), None
+        if self.planner is not None:
+            self.planner.clear_plan()
+        search_s = self.config.search_s
+        if self.scenario.features >= SEARCHES and search_s > 0.0 and self._sight is not None:
+            if self._searching is None:
+                self._searching = Search(self._sight, self._field, self.scenario.robot.footprint)
+                self._look = Look(robot[:2], self._sight.pose[:2], "where the person was last seen")
+                self.people.begin_search()
+            look = self._look if self.people.unseen < search_s else None
+            if look is not None:
+                return self._towards(look, robot, dt), Plan("searching", look.reason)
+            plan = Plan("waiting", "the person was not found again")
+        if self._view == ALL_AROUND:
+            return twist, plan
+        return twist._replace(yaw=math.copysign(TURN_RAD_S, self._side)), plan
+
+    def _towards(self, look: Look, robot: Pose2D, dt: float) -> Twist2D:
+        """Return the command on the way to a look, with the camera turned to its place."""
+        law = self.config.control
+        law = law if isinstance(law, PolarControl) else PolarControl()
+        dx, dy = look.way[0] - robot.x, look.way[1] - robot.y
+        distance = max(math.hypot(dx, dy), 1e-6)
+        speed = min(SEARCH_M_S, approach(distance, SEARCH_GAIN_1_S, LINEAR_BRAKING_M_S2))
+        x, y = rotate(dx / distance * speed, dy / distance * speed, -robot.yaw)
+        yaw = 0.0
+        to_x, to_y = look.place[0] - robot.x, look.place[1] - robot.y
+        if math.hypot(to_x, to_y) > NEAR_M:
+            off = wrap(math.atan2(to_y, to_x) - robot.yaw - self._view.centre)
+            yaw = approach(off, law.heading_gain_1_s, HEADING_BRAKING_RAD_S2)
+            yaw = min(max(yaw, -SEARCH_RAD_S), SEARCH_RAD_S)
+        self._sent = self._drive.step(self._sent, Twist2D(x, y, yaw), law.max_speed_m_s, dt)
+        self._controller.resume(self._sent)
+        return self._sent
+
+    def _reason(
+        self, now_ns: int, robot: Pose2D, tracking: TrackingState, person: Estimate | None
+    ) -> str:
         """Return why the person is not seen: the sensor's reason, or what the estimate suggests.
 
         The reason of a loss stays, since a robot that searches looks elsewhere.
         """
-        if step.tracking is TrackingState.FOLLOWING:
+        if tracking is TrackingState.FOLLOWING:
             return ""
-        if now_ns - self._newest_ns >= self.following.people.coast_after * NS_PER_S:
+        if now_ns - self._newest_ns >= self.people.coast_after * NS_PER_S:
             return m.Unseen.NO_FRAMES
         if self.state is not None and self.state.tracking not in SHORTLY_UNSEEN:
             return self.state.reason
         if self._newest.reason or self._newest.poses:
             return self._newest.reason or m.Unseen.IMPLAUSIBLE
-        if step.person is None:
+        if person is None:
             return m.Unseen.EMPTY
-        field = _field_of(self.scenario, self.sensor)
-        seen = robot.between(step.person.pose)
-        if math.hypot(seen.x, seen.y) > field.max_range:
+        seen = robot.between(person.pose)
+        if math.hypot(seen.x, seen.y) > self._field.max_range:
             return m.Unseen.TOO_FAR
-        bearing = wrap(math.atan2(seen.y, seen.x) - field.centre)
-        if abs(bearing) <= field.half:
+        bearing = wrap(math.atan2(seen.y, seen.x) - self._field.centre)
+        if abs(bearing) <= self._field.half:
             return m.Unseen.EMPTY
         return m.Unseen.LEFT if bearing > 0.0 else m.Unseen.RIGHT
 
@@ -171,7 +331,14 @@ class FollowerNode(Node):
         except RefusedError as refusal:
             inputs.refuse(SCAN, str(refusal))
             return
-        self.following.see(stamp_ns / NS_PER_S, scan, robot, robot.compose(self.lidar.pose))
+        if self.scenario.has_real_lidar:
+            scan = replace(scan, ranges=tuple(ranges_of(scan, is_real=True).tolist()))
+        lidar = robot.compose(self.lidar.pose)
+        if self.planner is not None:
+            self.planner.see(stamp_ns / NS_PER_S, scan, lidar)
+        if self._searching is not None:
+            self._searching.see(scan, lidar, robot)
+            self._look = self._searching.look(robot, self.people.strangers)
 
     def _frame(self, now_ns: int, inputs: Inputs, topic: Topic[m.Observation]) -> Frame | None:
         """Return the persons of a topic's new frame in odom; None if it is refused or empty."""
@@ -207,7 +374,7 @@ class FollowerNode(Node):
             check(
                 Measurement(
                     robot.compose(seen.pose.to_planar()),
-                    _rotated(planar_covariance(seen.covariance), robot.yaw),
+                    rotated(planar_covariance(seen.covariance), robot.yaw),
                     identity,
                 )
             )
@@ -227,7 +394,7 @@ class FollowerNode(Node):
 
     def diagnostics(self) -> dict[str, object]:
         """Return the tracking state, the distance error and the filter's consistency (NIS)."""
-        values: dict[str, object] = {"nis": self.following.people.estimator.nis}
+        values: dict[str, object] = {"nis": self.people.estimator.nis}
         if self.state is not None:
             values["tracking"] = self.state.tracking
             if self.state.reason:
@@ -239,91 +406,6 @@ class FollowerNode(Node):
         return values
 
 
-def data_sheet(scenario: Scenario) -> SensorConfig:
-    """Return rate, latency, field of view and range of the sensor by which the person is found."""
-    sensor, lidar, camera = scenario.sensor, scenario.sensors.lidar, scenario.sensors.tracker
-    if sensor.kind == "pose":
-        return sensor
-    if sensor.kind == "legs":
-        return replace(
-            sensor,
-            rate_hz=lidar.rate_hz,
-            latency_s=0.0,
-            fov_deg=lidar.fov_deg,
-            max_range_m=lidar.max_range_m,
-        )
-    return replace(
-        sensor,
-        rate_hz=camera.rate_hz,
-        latency_s=camera.latency_s,
-        fov_deg=camera.horizontal_fov_deg,
-        max_range_m=camera.max_range_m,
-    )
-
-
-def make_planner(scenario: Scenario, sensor: SensorConfig, seed: int) -> Planner | None:
-    """Return a new planner for a scenario's robot and its sensor, if one is configured."""
-    if scenario.follower.planner is None:
-        return None
-    return Planner(
-        scenario.follower,
-        Drive.from_scenario(scenario),
-        Extents(*scenario.robot.footprint, scenario.world.person.radius_m),
-        _field_of(scenario, sensor),
-        seed,
-        has_real_lidar=scenario.has_real_lidar,
-    )
-
-
-def make_search(scenario: Scenario, sensor: SensorConfig) -> Callable[[Estimate], Search] | None:
-    """Return what begins a search for a lost person, if the robot has a lidar and a camera."""
-    if not scenario.features >= SEARCHES or scenario.follower.search_s == 0.0:
-        return None
-    return partial(
-        Search,
-        view=_field_of(scenario, sensor),
-        footprint=scenario.robot.footprint,
-        is_real=scenario.has_real_lidar,
-    )
-
-
-def view_of(scenario: Scenario, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:
-    """Return the field of view in which the robot keeps the person, by turning."""
-    field = _field_of(scenario, sensor)
-    view = kept_view(2.0 * field.half, field.centre)
-    beside = abs(math.sin(config.standoff.bearing)) > BESIDE
-    turns = config.planner is not None and config.planner.turns_to_see
-    if sensor.kind == "fused" and beside and not turns:
-        return view._replace(half=math.pi)
-    return view
-
-
-def _field_of(scenario: Scenario, sensor: SensorConfig) -> FieldOfView:
-    """Return the field of view of the sensor by which the person is found."""
-    camera = scenario.robot.camera if sensor.kind in ("body", "fused") else None
-    yaw_deg = 0.0 if camera is None else camera.yaw_deg
-    half = math.radians(sensor.fov_deg) / 2.0
-    return FieldOfView(half, math.radians(yaw_deg), sensor.max_range_m)
-
-
-def _state(header: m.Header, estimator: str, step: Step, reason: str) -> m.FollowerState:
-    tracking, errors = step.tracking, step.errors
-    state = m.FollowerState(header=header, tracking=tracking, reason=reason, estimator=estimator)
-    if step.person is None:
-        return state
-    return replace(
-        state,
-        estimate=(_odometry(header, step.person),),
-        goal=(m.Pose.planar(step.goal),),
-        distance_error=errors.distance,
-        bearing_error=errors.bearing,
-        heading_error=errors.yaw,
-        last_seen_s=step.unseen,
-        plan="" if step.plan is None else step.plan.state,
-        plan_reason="" if step.plan is None else step.plan.reason,
-    )
-
-
 def _odometry(header: m.Header, person: Estimate) -> m.Odometry:
     """Return an estimate as a message, with the velocity in the person's frame."""
     vx, vy = rotate(person.velocity.x, person.velocity.y, -person.pose.yaw)
@@ -332,16 +414,3 @@ def _odometry(header: m.Header, person: Estimate) -> m.Odometry:
     )
     twist = m.TwistWithCovariance(twist=m.Twist.planar(Twist2D(vx, vy, person.velocity.yaw)))
     return m.Odometry(header=header, child_frame_id="person", pose=pose, twist=twist)
-
-
-def _rotated(covariance: PlanarCovariance, yaw: float) -> PlanarCovariance:
-    """Return a 3x3 covariance C of (x, y, yaw) as R C Rᵀ, R the rotation by `yaw` [rad]."""
-    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
-    c, s = math.cos(yaw), math.sin(yaw)
-    # first R C over x and y, then the product
-    cxx, cxy, cyx, cyy = c * xx - s * yx, c * xy - s * yy, s * xx + c * yx, s * xy + c * yy
-    return (
-        (c * cxx - s * cxy, s * cxx + c * cxy, c * xw - s * yw),
-        (c * cyx - s * cyy, s * cyx + c * cyy, s * xw + c * yw),
-        (c * wx - s * wy, s * wx + c * wy, ww),
-    )

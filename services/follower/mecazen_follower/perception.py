@@ -15,7 +15,7 @@ from mecazen.scan import BOTH_LEGS_M, LEG_M, Clusters, by_person, clusters, rang
 from mecazen.skeleton import INDEX
 from mecazen.walkers import PAIR_STD_M, SINGLE_STD_M
 
-from mecazen_follower.association import NO_HEADING
+from mecazen_follower.measurement import NO_HEADING
 
 _TRUNK = tuple(INDEX[name] for name in ("pelvis", "spine", "neck"))
 _LINES = tuple((INDEX[f"left_{joint}"], INDEX[f"right_{joint}"]) for joint in ("hip", "shoulder"))

@@ -20,8 +20,8 @@ from mecazen.messages import LaserScan
 from mecazen.portable import Floats
 from mecazen.scan import STRIDE_M, clusters, ranges_of
 
-from mecazen_follower.control import FieldOfView
 from mecazen_follower.estimators import Estimate
+from mecazen_follower.sight import FieldOfView
 
 CELL_M, CELLS = 0.1, 160
 """Side of a cell, and number of cells along each side of the map about the place of the loss."""
@@ -70,23 +70,15 @@ class Search:
         person: The person when last seen.
         view: The camera's field of view and range.
         footprint: Half the robot's length and width [m].
-        is_real: Whether scans come from a real lidar, see `ranges_of`.
     """
 
-    def __init__(
-        self,
-        person: Estimate,
-        view: FieldOfView,
-        footprint: tuple[float, float],
-        *,
-        is_real: bool = False,
-    ) -> None:
+    def __init__(self, person: Estimate, view: FieldOfView, footprint: tuple[float, float]) -> None:
         x, y, _ = person.pose
         vx, vy, _ = person.velocity
         speed = math.hypot(vx, vy)
         ahead = AHEAD_M / speed if speed > WALKS_M_S else 0.0
         self._expected = x + ahead * vx, y + ahead * vy
-        self._view, self._is_real = view, is_real
+        self._view = view
         self._far = LOOK * view.max_range
         self._origin = np.array((x, y)) - CELL_M * CELLS / 2
         self._passed: Cells = np.zeros((CELLS, CELLS), bool)
@@ -106,7 +98,7 @@ class Search:
 
     def see(self, scan: LaserScan, lidar: Pose2D, robot: Pose2D) -> None:
         """Update the map with a scan, captured with lidar and robot at poses in odom."""
-        ranges = ranges_of(scan, is_real=self._is_real)
+        ranges = ranges_of(scan)
         angles = lidar.yaw + scan.angle_min + scan.angle_increment * np.arange(len(ranges))
         rays = np.stack((np.cos(angles), np.sin(angles)), axis=-1)
         reach = np.nan_to_num(np.minimum(ranges, REACH_M + CELL_M), nan=0.0)

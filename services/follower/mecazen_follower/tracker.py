@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from enum import StrEnum
-from typing import NamedTuple
 
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import PlanarCovariance
 
-from mecazen_follower.association import Association, Measurement, has_heading, nearest
+from mecazen_follower.association import Association, nearest
 from mecazen_follower.estimators import Estimate, make_estimator
 from mecazen_follower.estimators.base import as_tuple
+from mecazen_follower.measurement import Frame, Measurement
 
 MISSED_FRAMES = 1.5
 """Number of sensor periods without an observation after which a frame counts as missed."""
+
+COAST_S = 0.1
+"""Time without an observation after which the person is not seen, for a fast sensor [s]."""
 
 FRAMES = 25
 """Number of newest frames whose greatest latency is the estimator's delay."""
@@ -59,15 +61,6 @@ class TrackingState(StrEnum):
     """Not seen for too long; the robot looks for the person."""
     LOST = "lost"
     """Not seen for too long; the robot stops."""
-
-
-class Frame(NamedTuple):
-    """A frame of the sensor: its time of capture [s], and all persons in it."""
-
-    captured: float
-    measurements: Sequence[Measurement]
-    begins: bool = True
-    """Whether the frame may start the person's track, and not only continue it."""
 
 
 class ReportedNoise:
@@ -149,7 +142,7 @@ class PersonTracker:
         self.estimator = make_estimator(config.estimator, config.estimator_params)
         # ticks between two frames of the sensor do not count as unseen
         missed = MISSED_FRAMES / sensor.rate_hz
-        self.coast_after = max(config.coast_after_s, missed)
+        self.coast_after = max(COAST_S, missed)
         self._lost_after = max(config.lost_after_s, 2.0 * missed)
         self._bias = BIAS_STD.get(sensor.kind)
         self._association = Association(2.0 * self._lost_after)
@@ -309,7 +302,7 @@ def _headed(measurement: Measurement, person: Estimate | None, expected: Pose2D)
 
     Before the person is known, the heading is that of `expected`, with the deviation `GUESS_RAD`.
     """
-    if has_heading(measurement):
+    if measurement.has_heading:
         return measurement
     if person is not None:
         return measurement._replace(pose=measurement.pose._replace(yaw=person.pose.yaw))

@@ -13,8 +13,8 @@ from mecazen.drive import Array
 from mecazen.geometry import Standoff
 from mecazen.portable import Floats
 
-from mecazen_follower.control import FieldOfView
 from mecazen_follower.planner.surroundings import DistanceField, Shadows
+from mecazen_follower.sight import FieldOfView
 
 FACTOR = 3.0
 """Ratio of a priority's weight to the weight of the next priority."""

@@ -27,15 +27,14 @@ from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate, wrap
 from mecazen.messages import LaserScan
 from mecazen.portable import Floats, arctan2, exp
 
-from mecazen_follower.control import (
-    HEADING_BRAKING_RAD_S2,
-    LINEAR_BRAKING_M_S2,
-    FieldOfView,
-)
+from mecazen_follower.control import HEADING_BRAKING_RAD_S2, LINEAR_BRAKING_M_S2
 from mecazen_follower.estimators import Estimate
 from mecazen_follower.planner.costs import OPEN, Costs, Extents, Rollout, Situation
 from mecazen_follower.planner.surroundings import LocalMap, Shadows
+from mecazen_follower.sight import FieldOfView
 
+PERIOD_S, HORIZON_S = 0.05, 2.5
+"""Time between plans, and time that a plan looks ahead [s]."""
 STEPS = 20
 KNOTS = 6
 """Number of random values; the noise is piecewise linear between them."""
@@ -71,7 +70,7 @@ class Prediction(NamedTuple):
 
 
 class Planner:
-    """Plans at `rate_hz`; between plans the last plan is followed.
+    """Plans every `PERIOD_S`; between plans the last plan is followed.
 
     Args:
         config: The follower's configuration, with a planner.
@@ -79,10 +78,6 @@ class Planner:
         body: Sizes of robot and person.
         view: Field of view of the sensor that sees the person.
         seed: Seed of the samples; they are the same at each plan.
-        has_real_lidar: Whether scans come from a real lidar, see `ranges_of`.
-
-    Attributes:
-        plan: The current plan, with its reason.
     """
 
     def __init__(
@@ -92,10 +87,8 @@ class Planner:
         body: Extents,
         view: FieldOfView,
         seed: int,
-        *,
-        has_real_lidar: bool = False,
     ) -> None:
-        self._body, self._view, self._has_real_lidar = body, view, has_real_lidar
+        self._body, self._view = body, view
         self.configure(config, drive)
         self._noise = noise(self._config.samples, seed)
         self.forget()
@@ -105,7 +98,7 @@ class Planner:
         assert config.planner is not None
         self._config, self._standoff = config.planner, config.standoff
         self._law = config.control if isinstance(config.control, PolarControl) else PolarControl()
-        self._drive, self._dt = drive, self._config.horizon_s / STEPS
+        self._drive, self._dt = drive, HORIZON_S / STEPS
         limits = partial(MotionLimits, drive, self._law.max_speed_m_s, self._dt)
         self._limits = lru_cache(limits)
         self.costs = Costs(self._config, self._standoff, self._body, self._view)
@@ -113,7 +106,7 @@ class Planner:
     def forget(self) -> None:
         """Forget everything, since odom has changed."""
         self.clear_plan()
-        self._map = LocalMap(is_real=self._has_real_lidar)
+        self._map = LocalMap()
         self._trail: deque[tuple[float, float]] = deque()
         """The person's past positions in odom, oldest first."""
         self._person: Estimate | None = None
@@ -123,6 +116,7 @@ class Planner:
     def clear_plan(self) -> None:
         """Drop the plan: the robot stands, or turns on the spot."""
         self.plan = OPEN
+        """The current plan, with its reason."""
         self._commands: Array | None = None
         self._sent = Twist2D()
         self._planned = -math.inf
@@ -149,7 +143,7 @@ class Planner:
             self._trail.append(place)
         while len(self._trail) > round((self._standoff.distance + TRAIL_BEHIND_M) / TRAIL_M):
             self._trail.popleft()
-        if time - self._planned > 1.0 / self._config.rate_hz - 1e-6:
+        if time - self._planned > PERIOD_S - 1e-6:
             elapsed = time - self._planned
             self._planned = time
             self._replan(time, elapsed, person, robot)

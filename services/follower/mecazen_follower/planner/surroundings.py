@@ -40,21 +40,16 @@ MOST_BINS = 12
 
 
 class LocalMap:
-    """Everything that the lidar sees except the followed person, in odom.
+    """Everything that the lidar sees except the followed person, in odom."""
 
-    Args:
-        is_real: Whether scans come from a real lidar, whose driver may send 0 for no return.
-    """
-
-    def __init__(self, *, is_real: bool = False) -> None:
-        self._is_real = is_real
+    def __init__(self) -> None:
         self._walkers = Walkers()
         self._points: Floats = np.empty((0, 2))
         self._times: Floats = np.empty(0)
 
     def see(self, time: float, scan: LaserScan, lidar: Pose2D, person: Pose2D) -> None:
         """Update with a scan that was captured at `time` [s] with the lidar at a pose in odom."""
-        ranges = ranges_of(scan, is_real=self._is_real)
+        ranges = ranges_of(scan)
         seen = clusters(scan, ranges, GAP_M)
         poses = [lidar.compose(pose) for pose, _ in persons(seen)]
         strangers = [pose[:2] for pose in poses if pose.distance(person) > HALF_STRIDE_M]
