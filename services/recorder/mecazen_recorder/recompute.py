@@ -204,22 +204,21 @@ def _compare(
             return Difference(key, int(first_ns), "", *values)
         # compared as bytes, since 0.0 and -0.0 are equal as numbers
         if encode(old) != encode(new):
-            was, now = map(msgspec.to_builtins, (old, new))
-            return Difference(key, int(old_ns), *next(_different(was, now, "")))
+            was, now = (dict(_leaves(msgspec.to_builtins(message))) for message in (old, new))
+            paths = (path for path in was | now if was.get(path) != now.get(path))
+            path = next(paths)
+            values = was.get(path, NOTHING), now.get(path, NOTHING)
+            return Difference(key, int(old_ns), path, *values)
     return None
 
 
-def _different(was: Any, now: Any, path: str) -> Iterator[tuple[str, str, str]]:
-    """Yield path and both values of each leaf that differs."""
-    if isinstance(was, dict) and isinstance(now, dict):
-        for name in was:
-            yield from _different(was[name], now[name], f"{path}.{name}" if path else name)
-    elif isinstance(was, list | tuple) and isinstance(now, list | tuple) and len(was) == len(now):
-        for index, pair in enumerate(zip(was, now, strict=True)):
-            yield from _different(*pair, f"{path}[{index}]")
-    elif repr(was) != repr(now):
-        yield path, _short(was), _short(now)
-
-
-def _short(value: Any) -> str:
-    return f"{len(value)} items" if isinstance(value, list | tuple) else repr(value)
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Yield path and text of each number and text in a message."""
+    if isinstance(value, dict):
+        for name, part in value.items():
+            yield from _leaves(part, f"{path}.{name}" if path else name)
+    elif isinstance(value, list | tuple):
+        for index, part in enumerate(value):
+            yield from _leaves(part, f"{path}[{index}]")
+    else:
+        yield path, repr(value)
