@@ -13,7 +13,6 @@ from mecazen.drive import Drive, Limits
 from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate
 from mecazen_follower.control import (
     PolarController,
-    PolarTwist,
     PoseController,
     allocate,
     pid,
@@ -134,12 +133,12 @@ speeds, rates = st.floats(-2.0, 2.0), st.floats(-3.0, 3.0)
 )
 def test_speed_is_allocated_in_order(target, direction, turns_first, expected):
     twist = allocate(
-        PolarTwist(*target), direction, STILL, NEXUS, 1.8, LONG_S, turns_first=turns_first
+        Twist2D(*target), direction, STILL, NEXUS, 1.8, LONG_S, turns_first=turns_first
     )
     assert twist == pytest.approx(expected, abs=1e-9)
 
 
-@given(st.builds(PolarTwist, speeds, speeds, rates), angles, speeds, speeds, rates, st.booleans())
+@given(st.builds(Twist2D, speeds, speeds, rates), angles, speeds, speeds, rates, st.booleans())
 def test_a_step_stays_within_all_limits(target, direction, x, y, yaw, turns_first):
     last = NEXUS.slowed(Twist2D(x, y, yaw))
     assume(math.hypot(last.x, last.y) <= 1.8)

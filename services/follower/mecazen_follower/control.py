@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from typing import NamedTuple
 
 from mecazen.config.follower import Gains, PidControl, PolarControl
 from mecazen.drive import Drive
@@ -96,7 +95,7 @@ class PolarController:
         around += distance * turn + approach(distance * wrap(wanted - bearing), *linear)
         yaw = min(max(yaw, -law.max_yaw_rate_rad_s), law.max_yaw_rate_rad_s)
         self._last = allocate(
-            PolarTwist(away, around, yaw),
+            Twist2D(away, around, yaw),
             direction,
             self._last,
             self._drive,
@@ -143,16 +142,8 @@ class PolarController:
         return self._last
 
 
-class PolarTwist(NamedTuple):
-    """A twist about the person: away from them and around them [m/s], and a yaw rate [rad/s]."""
-
-    away: float
-    around: float
-    yaw: float
-
-
 def allocate(
-    target: PolarTwist,
+    target: Twist2D,
     direction: float,
     last: Twist2D,
     drive: Drive,
@@ -168,7 +159,7 @@ def allocate(
     then the bearing.
 
     Args:
-        target: The twist that the control law requests.
+        target: The requested twist along axes away from the person and around them.
         direction: Direction from the person to the robot, in base_link [rad].
         last: The previous twist, within the limits.
         drive: The limits of wheels and axes.
@@ -177,15 +168,15 @@ def allocate(
         turns_first: Whether the yaw rate gets `TURN_SHARE` of the rim speed before the distance.
     """
     share = TURN_SHARE * drive.rim_speed / drive.lever if turns_first and drive.lever > 0.0 else 0.0
-    twist = Twist2D(*rotate(target.away, target.around, direction), target.yaw)
+    twist = Twist2D(*rotate(target.x, target.y, direction), target.yaw)
     fastest = [(axis.lowest, axis.velocity) for axis in drive.axes]
-    is_slow = math.hypot(target.away, target.around) <= max_speed
+    is_slow = math.hypot(target.x, target.y) <= max_speed
     if not (is_slow and drive.rims(twist) <= drive.rim_speed and _is_within(twist, fastest)):
         twist = _in_order(Twist2D(), target, direction, share, fastest, drive, max_speed)
     reach = [axis.reach(now, dt) for axis, now in zip(drive.axes, last, strict=True)]
     if _is_within(twist, reach):
         return twist
-    target = PolarTwist(*rotate(twist.x, twist.y, -direction), twist.yaw)
+    target = Twist2D(*rotate(twist.x, twist.y, -direction), twist.yaw)
     return _in_order(last, target, direction, share, reach, drive, max_speed)
 
 
@@ -195,7 +186,7 @@ def _is_within(twist: Twist2D, ranges: list[tuple[float, float]]) -> bool:
 
 def _in_order(
     twist: Twist2D,
-    target: PolarTwist,
+    target: Twist2D,
     direction: float,
     first_yaw: float,
     ranges: list[tuple[float, float]],
@@ -205,7 +196,7 @@ def _in_order(
     """Return `twist` after the largest possible share of each step to `target`, in order."""
     c, s = math.cos(direction), math.sin(direction)
     away, around = rotate(twist.x, twist.y, -direction)
-    away, around = target.away - away, target.around - around
+    away, around = target.x - away, target.y - around
     turn = min(max(target.yaw, -first_yaw), first_yaw) - twist.yaw if first_yaw else 0.0
     steps = [
         Twist2D(0.0, 0.0, turn),

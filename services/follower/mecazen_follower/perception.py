@@ -33,8 +33,12 @@ PLACE_CORRELATED, HEADING_CORRELATED = 25.0, 25.0
 the filter assumes independent errors. The factors were tuned by the NEES of the U-track."""
 
 
-def pose_of(body: Skeleton) -> tuple[Pose2D, PlanarCovariance] | None:
-    """Return the pose of a person in the frame of a skeleton, and its covariance.
+Detection = tuple[Pose2D, PlanarCovariance]
+"""The pose of a person in the frame of a sensor, and its covariance."""
+
+
+def pose_of(body: Skeleton) -> Detection | None:
+    """Return a person in the frame of a skeleton.
 
     The trunk's joints are above each other, at the person's position. The lines through hips and
     shoulders are at right angles to the heading; each line is weighted by its inverse variance.
@@ -90,8 +94,8 @@ DEPTH_M = 0.035
 """Distance from the mean of the points on a shank to its axis [m]."""
 
 
-def persons(clusters: Clusters) -> list[tuple[Pose2D, PlanarCovariance]]:
-    """Return poses of possible persons in the lidar's frame, and their covariances.
+def persons(clusters: Clusters) -> list[Detection]:
+    """Return possible persons in the lidar's frame.
 
     Everything as wide as a leg is taken for a leg. The tracker identifies the person by motion.
     The heading is unknown: its variance is `NO_HEADING`.
@@ -101,7 +105,7 @@ def persons(clusters: Clusters) -> list[tuple[Pose2D, PlanarCovariance]]:
     good = (clusters.counts >= LEAST_POINTS) & (clusters.width >= LEAST_M)
     legs = good & (clusters.width <= LEG_M)
     both = good & (clusters.width > LEG_M) & (clusters.width <= BOTH_LEGS_M)
-    detections: list[tuple[Pose2D, PlanarCovariance]] = []
+    detections: list[Detection] = []
     for members, (x, y) in by_person(centres, legs, both):
         is_single = len(members) == 1 and legs[members[0]]
         variance = (SINGLE_STD_M if is_single else PAIR_STD_M) ** 2
@@ -120,21 +124,15 @@ class BodyNode(Node):
         """Return all persons whose trunk is in view."""
         del tick
         frame = inputs[SKELETONS]
-        seen = ((pose_of(body), body.id) for body in frame.skeletons)
-        persons = [(*pose, identity) for pose, identity in seen if pose is not None]
-        return {
-            OBSERVATION: m.Observation(
-                header=frame.header,
-                poses=tuple(
-                    m.PoseWithCovariance(
-                        pose=m.Pose.planar(pose), covariance=ros_covariance(covariance)
-                    )
-                    for pose, covariance, _ in persons
-                ),
-                ids=tuple(identity for _, _, identity in persons),
-                reason=frame.reason,
-            )
-        }
+        seen = ((body.id, pose_of(body)) for body in frame.skeletons)
+        persons = [(identity, _message(*pose)) for identity, pose in seen if pose is not None]
+        observation = m.Observation(
+            header=frame.header,
+            poses=tuple(pose for _, pose in persons),
+            ids=tuple(identity for identity, _ in persons),
+            reason=frame.reason,
+        )
+        return {OBSERVATION: observation}
 
 
 class LegsNode(Node):
@@ -153,11 +151,11 @@ class LegsNode(Node):
         del tick
         scan = inputs[SCAN]
         ranges = ranges_of(scan, is_real=self.scenario.has_real_lidar)
-        poses = [
-            m.PoseWithCovariance(
-                pose=m.Pose.planar(self.lidar.compose(pose)), covariance=ros_covariance(covariance)
-            )
-            for pose, covariance in persons(clusters(scan, ranges, GAP_M))
-        ]
+        detections = persons(clusters(scan, ranges, GAP_M))
+        poses = [_message(self.lidar.compose(pose), covariance) for pose, covariance in detections]
         header = m.Header(stamp=scan.header.stamp, frame_id="base_link")
         return {LEGS: m.Observation(header=header, poses=tuple(poses))}
+
+
+def _message(pose: Pose2D, covariance: PlanarCovariance) -> m.PoseWithCovariance:
+    return m.PoseWithCovariance(pose=m.Pose.planar(pose), covariance=ros_covariance(covariance))

@@ -35,9 +35,8 @@ PLOT_STEP_NS = 100_000_000
 SILENCE_NS = 5 * PLOT_STEP_NS
 """Silence after which a follower is assumed to publish no state."""
 HISTORY_NS = 8 * 10**9
-TRAIL_NS = 60 * 10**9
-TRAIL_STEP_NS = 200_000_000
-"""Time between two points of a trail, which has up to 300 points [ns]."""
+TRAIL_STEP_NS, TRAIL_POINTS = 200_000_000, 301
+"""Time between two points of a trail [ns], and their number: those of a minute."""
 JUMP_M = 1.0
 """A larger distance between two points of a trail is a jump and starts a new trail [m]."""
 
@@ -51,7 +50,7 @@ class PoseTrail:
 
     def __init__(self) -> None:
         self._poses = PoseHistory(HISTORY_NS)
-        self._points: deque[tuple[int, float, float]] = deque()
+        self._points: deque[tuple[int, float, float]] = deque(maxlen=TRAIL_POINTS)
         self.newest: Pose2D | None = None
 
     def add(self, time_ns: int, pose: Pose2D) -> bool:
@@ -63,8 +62,6 @@ class PoseTrail:
         if self._points and pose.distance(Pose2D(*self._points[-1][1:])) > JUMP_M:
             self._points.clear()
         self._points.append((time_ns, pose.x, pose.y))
-        while time_ns - self._points[0][0] > TRAIL_NS:
-            self._points.popleft()
         return True
 
     @property
