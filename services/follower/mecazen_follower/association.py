@@ -95,7 +95,6 @@ class OtherTrack:
         return distance + 2.0 * math.log(variance) - bonus
 
     def update(self, seen: Measurement) -> None:
-        """Correct with a measurement."""
         walker, (x, y, _) = self._walker, seen.pose
         if self.stands:  # only the side that the robot sees changes
             self._walker = walker._replace(
@@ -123,7 +122,6 @@ class Association:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all people."""
         self._others: list[OtherTrack] = []
         self._forget_person()
 
@@ -218,7 +216,6 @@ class Association:
         self._others = [track for track in self._others if not track.is_old]
 
     def _add(self, time: float, seen: Sequence[Measurement]) -> None:
-        """Begin tracks of other people."""
         self._others = [*self._others, *(OtherTrack(time, detection) for detection in seen)][
             -CROWD:
         ]

@@ -57,7 +57,6 @@ class PolarController:
     def configure(
         self, standoff: Standoff, law: PolarControl, drive: Drive, view: FieldOfView
     ) -> None:
-        """Continue with changed gains, limits or standoff."""
         self._standoff, self._law, self._drive, self._view = standoff, law, drive, view
 
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:
@@ -137,7 +136,6 @@ class PolarController:
         self._last = twist
 
     def stop(self) -> Twist2D:
-        """Return the zero twist."""
         self._last = Twist2D()
         return self._last
 
@@ -283,7 +281,6 @@ class PoseController:
         """The last error."""
 
     def configure(self, law: PidControl) -> None:
-        """Continue with other gains."""
         self._law = law
 
     def command(self, goal: Pose2D, goal_velocity: Twist2D, robot: Pose2D, dt: float) -> Twist2D:

@@ -83,7 +83,6 @@ class FollowerNode(Node):
             )
 
     def reset(self, seed: int) -> None:
-        """Discard the person and the robot's past poses."""
         self._seed = seed
         scenario, config = self.scenario, self.config
         # scans wait for camera frames, which arrive later
@@ -131,7 +130,6 @@ class FollowerNode(Node):
         self._sent = Twist2D()
 
     def configure(self, scenario: Scenario) -> None:
-        """Use the changed configuration from now on."""
         super().configure(scenario)
         config, self._drive = self.config, Drive.from_scenario(scenario)
         self._view = view_of(self._field, self.sensor, config)
@@ -312,7 +310,6 @@ class FollowerNode(Node):
         return m.Unseen.LEFT if bearing > 0.0 else m.Unseen.RIGHT
 
     def _log_change(self, tracking: str, reason: str) -> None:
-        """Log that the person is found or lost."""
         before = TrackingState.WAITING if self.state is None else self.state.tracking
         if tracking != before and not {tracking, before} <= {"following", "coasting"}:
             logger.info("msg=%s%s", tracking, f" reason={reason!r}" if reason else "")

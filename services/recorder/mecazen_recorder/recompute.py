@@ -207,8 +207,8 @@ def _compare(
             was, now = (dict(_leaves(msgspec.to_builtins(message))) for message in (old, new))
             paths = (path for path in was | now if was.get(path) != now.get(path))
             path = next(paths)
-            values = was.get(path, NOTHING), now.get(path, NOTHING)
-            return Difference(key, int(old_ns), path, *values)
+            recorded_value, value = was.get(path, NOTHING), now.get(path, NOTHING)
+            return Difference(key, int(old_ns), path, recorded_value, value)
     return None
 
 

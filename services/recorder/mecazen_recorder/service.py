@@ -199,7 +199,6 @@ class RecorderService(Observer):
         del seed
 
     def run(self) -> None:
-        """Record until the bus is stopped."""
         if self.scenario.sim.mode == "lockstep":
             declare_every(self.bus, self.name)
         self.recorder.run()

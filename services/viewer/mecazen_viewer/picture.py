@@ -215,7 +215,6 @@ class Picture:
         self._log(layout.PEOPLE, senses.bodies(np.concatenate(joints), heights, senses.OTHER))
 
     def on_skeleton(self, skeleton: m.Skeleton) -> None:
-        """Move the person's limbs."""
         self._draw_person(senses.joints_of(skeleton))
 
     def on_skeletons(self, frame: m.Skeletons) -> None:
@@ -225,13 +224,11 @@ class Picture:
             self._log(layout.SKELETON, senses.skeletons(frame.skeletons, robot))
 
     def on_scan(self, scan: m.LaserScan) -> None:
-        """Show the points of a scan."""
         robot = self._robot.at(scan.header.stamp.ns)
         if robot is not None:
             self._log(layout.SCAN, senses.scan(scan, self._lidar, robot))
 
     def on_depth(self, image: m.Image) -> None:
-        """Show the depth picture."""
         self._log(layout.DEPTH, senses.depth(image))
 
     def on_observation(self, frame: m.Observation) -> None:
@@ -274,16 +271,13 @@ class Picture:
             self._plot(layout.NEES, *panels.GOOD_NEES, score)
 
     def on_guard_state(self, state: m.GuardState) -> None:
-        """Log changes of the guard's state."""
         self._log_state("guard", "guard", state.state, state.reason)
 
     def on_cmd_vel(self, twist: m.Twist) -> None:
-        """Plot the commanded velocity."""
         if self._is_due("commanded"):
             self._plot_velocity("commanded", twist.to_planar())
 
     def on_diagnostics(self, report: m.DiagnosticArray, service: str) -> None:
-        """Show the health of a service, and plot the real-time factor from physics."""
         for path, text in self._texts.diagnostics(service, report, self._name):
             self._log(path, text)
         for status in report.status:

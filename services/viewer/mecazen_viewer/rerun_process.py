@@ -78,7 +78,6 @@ class RerunProcess:
         self._process.wait()
 
     def close(self) -> None:
-        """Terminate the program."""
         self._process.terminate()
         try:
             self._process.wait(STOP_TIMEOUT_S)

@@ -206,7 +206,6 @@ class ViewerService(Observer):
         return recording
 
     def close(self) -> None:
-        """End the recording."""
         self.end()
 
     def end(self) -> None:

@@ -118,7 +118,6 @@ class RawObservation(Estimator, name="none"):
         self.estimate = Estimate(observation, Twist2D(), as_tuple(noise))
 
     def reset(self) -> None:
-        """Discard the last observation."""
         self.estimate = None
 
 

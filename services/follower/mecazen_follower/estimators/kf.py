@@ -48,7 +48,6 @@ class DisplacementFilter(Estimator, name="kf_displacement"):
         self.reset()
 
     def reset(self) -> None:
-        """Discard the estimate."""
         self.nis = None
         self._filter: Any = None
         self._velocity: Array = np.zeros(3)

@@ -94,7 +94,6 @@ class Planner:
         self.forget()
 
     def configure(self, config: FollowerConfig, drive: Drive) -> None:
-        """Continue with changed priorities, limits or standoff."""
         assert config.planner is not None
         self._config, self._standoff = config.planner, config.standoff
         self._law = config.control if isinstance(config.control, PolarControl) else PolarControl()
