@@ -33,7 +33,7 @@ from mecazen_follower.measurement import Frame, Measurement, check, rotated
 from mecazen_follower.planner.costs import Extents, Plan
 from mecazen_follower.planner.mppi import Planner
 from mecazen_follower.search import Look, Search
-from mecazen_follower.sight import ALL_AROUND, data_sheet, field_of, view_of
+from mecazen_follower.sight import ALL_AROUND, sight_of, view_of
 from mecazen_follower.tracker import PersonTracker, TrackingState
 
 logger = logging.getLogger(__name__)
@@ -70,9 +70,8 @@ class FollowerNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.follower
-        self.sensor = data_sheet(scenario)
+        self.sensor = sight_of(scenario)
         self.lidar = scenario.robot.lidar
-        self._field = field_of(scenario, self.sensor)
         person, robot = scenario.world.person.radius_m, math.hypot(*scenario.robot.footprint)
         least = person + robot + CLEARANCE_M
         if self.config.standoff_m < least:
@@ -89,7 +88,7 @@ class FollowerNode(Node):
         hold_s = self.sensor.latency_s if self.sensor.kind == "fused" else 0.0
         self.people = PersonTracker(config, self.sensor, hold_s)
         self._drive = Drive.from_scenario(scenario)
-        self._view = view_of(self._field, self.sensor, config)
+        self._view = view_of(self.sensor, config)
         self._controller: PoseController | PolarController
         if isinstance(config.control, PidControl):
             self._controller = PoseController(config.control)
@@ -100,7 +99,7 @@ class FollowerNode(Node):
         self.planner: Planner | None = None
         if config.planner is not None:
             body = Extents(*scenario.robot.footprint, scenario.world.person.radius_m)
-            self.planner = Planner(config, self._drive, body, self._field, seed)
+            self.planner = Planner(config, self._drive, body, self.sensor.field, seed)
         self._side = 1.0
         self._pending: deque[tuple[Twist2D, float]] = deque()
         """Commands to which the robot has not responded yet, with their durations [s]."""
@@ -132,7 +131,7 @@ class FollowerNode(Node):
     def configure(self, scenario: Scenario) -> None:
         super().configure(scenario)
         config, self._drive = self.config, Drive.from_scenario(scenario)
-        self._view = view_of(self._field, self.sensor, config)
+        self._view = view_of(self.sensor, config)
         if isinstance(config.control, PidControl):
             assert isinstance(self._controller, PoseController)  # its kind can't change
             self._controller.configure(config.control)
@@ -255,7 +254,9 @@ class FollowerNode(Node):
         search_s = self.config.search_s
         if self.scenario.features >= SEARCHES and search_s > 0.0 and self._sight is not None:
             if self._searching is None:
-                self._searching = Search(self._sight, self._field, self.scenario.robot.footprint)
+                self._searching = Search(
+                    self._sight, self.sensor.field, self.scenario.robot.footprint
+                )
                 self._look = Look(robot[:2], self._sight.pose[:2], "where the person was last seen")
                 self.people.begin_search()
             look = self._look if self.people.unseen < search_s else None
@@ -302,10 +303,10 @@ class FollowerNode(Node):
         if person is None:
             return m.Unseen.EMPTY
         seen = robot.between(person.pose)
-        if math.hypot(seen.x, seen.y) > self._field.max_range:
+        if math.hypot(seen.x, seen.y) > self.sensor.field.max_range:
             return m.Unseen.TOO_FAR
-        bearing = wrap(math.atan2(seen.y, seen.x) - self._field.centre)
-        if abs(bearing) <= self._field.half:
+        bearing = wrap(math.atan2(seen.y, seen.x) - self.sensor.field.centre)
+        if abs(bearing) <= self.sensor.field.half:
             return m.Unseen.EMPTY
         return m.Unseen.LEFT if bearing > 0.0 else m.Unseen.RIGHT
 

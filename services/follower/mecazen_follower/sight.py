@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mecazen.config import FollowerConfig, Scenario, SensorConfig
-from msgspec.structs import replace
+from mecazen.config import FollowerConfig, Scenario
 
 MARGIN = math.radians(15.0)
 """Angle between the kept view of the person and the edge of the field of view [rad]."""
@@ -27,34 +26,29 @@ class FieldOfView(NamedTuple):
 ALL_AROUND = FieldOfView()
 
 
-def data_sheet(scenario: Scenario) -> SensorConfig:
-    """Return rate, latency, field of view and range of the sensor by which the person is found."""
+class Sight(NamedTuple):
+    """What is known of the sensor by which the person is found."""
+
+    kind: str
+    rate_hz: float
+    latency_s: float
+    field: FieldOfView
+
+
+def sight_of(scenario: Scenario) -> Sight:
+    """Return the sensor of a scenario by which the person is found."""
     sensor, lidar, camera = scenario.sensor, scenario.sensors.lidar, scenario.sensors.tracker
-    if sensor.kind == "pose":
-        return sensor
+    rate_hz, latency_s, yaw_deg = sensor.rate_hz, sensor.latency_s, 0.0
+    fov_deg, max_range_m = sensor.fov_deg, sensor.max_range_m
     if sensor.kind == "legs":
-        return replace(
-            sensor,
-            rate_hz=lidar.rate_hz,
-            latency_s=0.0,
-            fov_deg=lidar.fov_deg,
-            max_range_m=lidar.max_range_m,
-        )
-    return replace(
-        sensor,
-        rate_hz=camera.rate_hz,
-        latency_s=camera.latency_s,
-        fov_deg=camera.horizontal_fov_deg,
-        max_range_m=camera.max_range_m,
-    )
-
-
-def field_of(scenario: Scenario, sensor: SensorConfig) -> FieldOfView:
-    """Return the field of view of the sensor by which the person is found."""
-    camera = scenario.robot.camera if sensor.kind in ("body", "fused") else None
-    yaw_deg = 0.0 if camera is None else camera.yaw_deg
-    half = math.radians(sensor.fov_deg) / 2.0
-    return FieldOfView(half, math.radians(yaw_deg), sensor.max_range_m)
+        rate_hz, latency_s = lidar.rate_hz, 0.0
+        fov_deg, max_range_m = lidar.fov_deg, lidar.max_range_m
+    elif sensor.kind != "pose":
+        rate_hz, latency_s = camera.rate_hz, camera.latency_s
+        fov_deg, max_range_m = camera.horizontal_fov_deg, camera.max_range_m
+        yaw_deg = 0.0 if scenario.robot.camera is None else scenario.robot.camera.yaw_deg
+    field = FieldOfView(math.radians(fov_deg) / 2.0, math.radians(yaw_deg), max_range_m)
+    return Sight(sensor.kind, rate_hz, latency_s, field)
 
 
 def kept_view(fov: float, centre: float = 0.0) -> FieldOfView:
@@ -66,11 +60,11 @@ def kept_view(fov: float, centre: float = 0.0) -> FieldOfView:
     return ALL_AROUND if fov >= math.tau else FieldOfView(max(fov / 2 - MARGIN, fov / 4), centre)
 
 
-def view_of(field: FieldOfView, sensor: SensorConfig, config: FollowerConfig) -> FieldOfView:
+def view_of(sight: Sight, config: FollowerConfig) -> FieldOfView:
     """Return the field of view in which the robot keeps the person, by turning."""
-    view = kept_view(2.0 * field.half, field.centre)
+    view = kept_view(2.0 * sight.field.half, sight.field.centre)
     beside = abs(math.sin(config.standoff.bearing)) > BESIDE
     turns = config.planner is not None and config.planner.turns_to_see
-    if sensor.kind == "fused" and beside and not turns:
+    if sight.kind == "fused" and beside and not turns:
         return view._replace(half=math.pi)
     return view

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from enum import StrEnum
 
-from mecazen.config import FollowerConfig, SensorConfig
+from mecazen.config import FollowerConfig
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import PlanarCovariance
 
@@ -14,6 +14,7 @@ from mecazen_follower.association import Association, nearest
 from mecazen_follower.estimators import Estimate, make_estimator
 from mecazen_follower.estimators.base import as_tuple
 from mecazen_follower.measurement import Frame, Measurement
+from mecazen_follower.sight import Sight
 
 MISSED_FRAMES = 1.5
 """Number of sensor periods without an observation after which a frame counts as missed."""
@@ -133,12 +134,12 @@ class PersonTracker:
 
     Args:
         config: The follower's configuration.
-        sensor: The sensor's data sheet.
+        sensor: The sensor by which the person is found.
         hold: Time for which a frame is held back, so that frames of several sensors are used in
             the order of their captures [s].
     """
 
-    def __init__(self, config: FollowerConfig, sensor: SensorConfig, hold: float = 0.0) -> None:
+    def __init__(self, config: FollowerConfig, sensor: Sight, hold: float = 0.0) -> None:
         self.estimator = make_estimator(config.estimator, config.estimator_params)
         # ticks between two frames of the sensor do not count as unseen
         missed = MISSED_FRAMES / sensor.rate_hz
