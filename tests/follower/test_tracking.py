@@ -46,8 +46,9 @@ class Frames:
                 poses, noise.tolist(), ids or [""] * len(poses), strict=True
             )
         ]
-        frame = Frame(time, measurements) if measurements else None
-        return self.tracker.step(time, frame, Pose2D())
+        if measurements:
+            self.tracker.add(Frame(time, measurements))
+        return self.tracker.step(time, Pose2D())
 
 
 def error(estimate, number):
@@ -93,7 +94,8 @@ def test_a_heading_that_stays_reversed_is_believed(first, change):
         # a frame without a heading does not keep the reversed heading alive
         time = (number + 0.5) * FRAME_S
         frame = Frame(time, [Measurement(Pose2D(), BLIND)], begins=False)
-        estimate = frames.tracker.step(time, frame, Pose2D())
+        frames.tracker.add(frame)
+        estimate = frames.tracker.step(time, Pose2D())
     assert abs(wrap(estimate.pose.yaw - yaw)) < math.radians(6.0)
 
 
@@ -112,17 +114,20 @@ BLIND = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, NO_HEADING))
 
 def test_legs_wait_for_camera_and_keep_the_heading():
     tracker = tracker_of(0.1)
-    tracker.step(0.1, Frame(0.0, [Measurement(PLACE, SURE)]), PLACE)
+    tracker.add(Frame(0.0, [Measurement(PLACE, SURE)]))
+    tracker.step(0.1, PLACE)
     moved = Pose2D(1.2, 0.0, -2.0)
     tracker.add(Frame(0.1, [Measurement(moved, BLIND)], begins=False))
-    before, after = (tracker.step(time, None, PLACE).pose for time in (0.15, 0.2))
+    before, after = (tracker.step(time, PLACE).pose for time in (0.15, 0.2))
     assert before.x == pytest.approx(1.0, abs=1e-6)
     assert after.x > before.x + 0.05
     assert after.yaw == pytest.approx(0.2, abs=1e-3)
 
 
 def test_unobserved_heading_is_guessed_from_the_goal():
-    person = tracker_of().step(0.0, Frame(0.0, [Measurement(PLACE, BLIND)]), Pose2D(1.0, 0.0, 1.0))
+    tracker = tracker_of()
+    tracker.add(Frame(0.0, [Measurement(PLACE, BLIND)]))
+    person = tracker.step(0.0, Pose2D(1.0, 0.0, 1.0))
     assert person.pose.yaw == pytest.approx(1.0)
     assert math.degrees(math.sqrt(person.covariance[2][2])) == pytest.approx(45.0)
 

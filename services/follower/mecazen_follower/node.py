@@ -154,13 +154,12 @@ class FollowerNode(Node):
         self._pose = robot
         self.robot.add(tick.time_ns, robot)
         time_s = tick.time_ns / NS_PER_S
-        # legs are observations too; with a camera, only camera frames can start a track
-        legs = self._frame(tick.time_ns, inputs, LEGS)
-        if legs is not None:
-            self.people.add(legs._replace(begins=self.sensor.kind == "legs"))
+        for topic in (LEGS, OBSERVATION):
+            frame = self._frame(tick.time_ns, inputs, topic)
+            if frame is not None:
+                self.people.add(frame)
         self._take_scan(inputs)
-        frame = self._frame(tick.time_ns, inputs, OBSERVATION)
-        person = self.people.step(time_s, frame, self.config.standoff.person(robot))
+        person = self.people.step(time_s, self.config.standoff.person(robot))
         tracking, plan = self.people.state, None
         if person is None:
             command = self._controller.stop()
@@ -344,7 +343,9 @@ class FollowerNode(Node):
         if message is None:
             return None
         try:
-            frame = self._read(now_ns, message) if message.poses else None
+            # legs are observations too; with a camera, only camera frames can start a track
+            begins = topic is not LEGS or self.sensor.kind == "legs"
+            frame = self._read(now_ns, message, begins=begins) if message.poses else None
         except RefusedError as refusal:
             inputs.refuse(topic, str(refusal))
             return None
@@ -352,7 +353,7 @@ class FollowerNode(Node):
             self._newest, self._newest_ns = message, now_ns
         return frame
 
-    def _read(self, now_ns: int, message: m.Observation) -> Frame:
+    def _read(self, now_ns: int, message: m.Observation, *, begins: bool) -> Frame:
         """Return the persons of a frame in odom.
 
         A pose in a frame other than `base_link` (world, odom) is assumed to be in odom.
@@ -378,17 +379,10 @@ class FollowerNode(Node):
             )
             for seen, identity in zip(message.poses, message.ids or repeat(""), strict=False)
         ]
-        return Frame(self._captured(now_ns, stamp_ns), measurements)
-
-    def _captured(self, now_ns: int, stamp_ns: int) -> float:
-        """Return the time of a frame's capture [s]: its stamp, if it is plausible.
-
-        A stamp of another clock is not usable: the capture is then estimated by the latency of the
-        data sheet.
-        """
-        if self.robot.span_ns[0] <= stamp_ns <= now_ns:
-            return stamp_ns / NS_PER_S
-        return now_ns / NS_PER_S - self.sensor.latency_s
+        captured = stamp_ns / NS_PER_S
+        if not self.robot.span_ns[0] <= stamp_ns <= now_ns:  # of another clock
+            captured = now_ns / NS_PER_S - self.sensor.latency_s
+        return Frame(captured, measurements, begins)
 
     def diagnostics(self) -> dict[str, object]:
         """Return the tracking state, the distance error and the filter's consistency (NIS)."""

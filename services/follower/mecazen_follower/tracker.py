@@ -182,19 +182,14 @@ class PersonTracker:
             self._association.forget_since(self._last_seen)
 
     def add(self, frame: Frame) -> None:
-        """Add a frame for the next step, in addition to the step's `frame`."""
+        """Add a frame for the next step."""
         self._waiting.append(frame)
 
-    def step(self, time: float, frame: Frame | None, expected: Pose2D) -> Estimate | None:
-        """Return the person at `time` [s]; None before the first detection.
+    def step(self, time: float, expected: Pose2D) -> Estimate | None:
+        """Return the person at `time` [s], and update `state`; None before the first detection.
 
-        Args:
-            time: The present time [s]; `state` and `unseen` are updated to it.
-            frame: The newest frame, if one came.
-            expected: The person's pose if the robot were at its goal.
+        `expected` is the person's pose if the robot were at its goal.
         """
-        if frame is not None:
-            self._waiting.append(frame)
         for due in self._due(time):
             if self._see(time, due, expected):
                 self._last_seen = time
