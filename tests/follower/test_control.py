@@ -17,7 +17,7 @@ from mecazen_follower.control import (
     allocate,
     pid,
 )
-from mecazen_follower.sight import ALL_AROUND, kept_view
+from mecazen_follower.sight import ALL_AROUND, FieldOfView, Sight, view_of
 from planar import angles, poses, standoffs, twists
 
 DT = 0.01
@@ -104,10 +104,10 @@ def test_narrow_camera_keeps_a_turning_person_in_view(view):
     def walking(time):
         return Twist2D(1.2, 0.0, 1.5 if 3.0 < time < 5.0 else 0.0)
 
-    fov = math.radians(70.0)
-    for person, robot in walk_with(config, walking, 10.0, kept_view(fov)):
+    sight = Sight("pose", 25.0, 0.0, FieldOfView(math.radians(35.0)))
+    for person, robot in walk_with(config, walking, 10.0, view_of(sight, config)):
         seen = robot.between(person)
-        assert abs(math.atan2(seen.y, seen.x)) < fov / 2
+        assert abs(math.atan2(seen.y, seen.x)) < sight.field.half
 
 
 LINEAR, ANGULAR = Limits(2.0, 2.5, 2.5), Limits(3.0, 8.0, 8.0)

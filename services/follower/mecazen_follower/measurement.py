@@ -1,4 +1,4 @@
-"""What a sensor measures of persons, in odom."""
+"""Measurements of persons in odom, and their check."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ ALL_AROUND = FieldOfView()
 
 
 class Sight(NamedTuple):
-    """What is known of the sensor by which the person is found."""
+    """The sensor by which the person is found."""
 
     kind: str
     rate_hz: float
@@ -51,20 +51,17 @@ def sight_of(scenario: Scenario) -> Sight:
     return Sight(sensor.kind, rate_hz, latency_s, field)
 
 
-def kept_view(fov: float, centre: float = 0.0) -> FieldOfView:
-    """Return the view in which to keep the person, for a field of view `fov` about `centre` [rad].
-
-    The result leaves a margin to the edge of the field of view. The robot turns when the person
-    enters this margin.
-    """
-    return ALL_AROUND if fov >= math.tau else FieldOfView(max(fov / 2 - MARGIN, fov / 4), centre)
-
-
 def view_of(sight: Sight, config: FollowerConfig) -> FieldOfView:
-    """Return the field of view in which the robot keeps the person, by turning."""
-    view = kept_view(2.0 * sight.field.half, sight.field.centre)
+    """Return the field of view in which the robot keeps the person, by turning.
+
+    It leaves a margin to the edge of the sensor's. The robot turns when the person enters the
+    margin.
+    """
+    half, centre, _ = sight.field
+    if half >= math.pi:
+        return ALL_AROUND
     beside = abs(math.sin(config.standoff.bearing)) > BESIDE
     turns = config.planner is not None and config.planner.turns_to_see
     if sight.kind == "fused" and beside and not turns:
-        return view._replace(half=math.pi)
-    return view
+        return FieldOfView(math.pi, centre)
+    return FieldOfView(max(half - MARGIN, half / 2.0), centre)
