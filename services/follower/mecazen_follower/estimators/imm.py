@@ -168,7 +168,6 @@ class ImmBank:
         self._fading = np.array([mode.fading_1_s for mode in modes])
         self._variances = np.array([(sway, *mode[:4]) for mode in modes]) ** 2
         self._persists = np.array([(1.0, 1.0, 1.0, mode.moves, mode.turns) for mode in modes])
-        self._combined: tuple[Array, Array, list[float], float] | None = None
 
     def predict(self, dt: float) -> None:
         """Mix the modes and propagate each by `dt` [s]."""
@@ -180,7 +179,6 @@ class ImmBank:
         self.x = np.array([x for x, _ in moves])
         F = np.array([F for _, F in moves])
         self.P = congruence(F, self.P) + Q
-        self._combined = None
 
     def _mix(self, dt: float) -> None:
         """Compute the mixing probabilities, and mix the states: steps 1 and 2."""
@@ -213,22 +211,18 @@ class ImmBank:
         weights = np.maximum(self.mu * likelihood, MIN_WEIGHT)
         self.log_likelihood = math.log(weights.sum()) - float(nis.min()) / 2.0
         self.mu = weights / weights.sum()
-        self._combined = None
 
     def ahead(self, dt: float) -> tuple[Array, Array]:
         """Return state (5) and covariance (5, 5) `dt` [s] later, without changes of the mode.
 
         All modes are combined first, step 5. Their random walks have the mean variances.
         """
-        if self._combined is None:
-            x = np.einsum("n,na->a", self.mu, self.x)
-            d = self.x - x
-            P = np.einsum("n,nab->ab", self.mu, self.P) + np.einsum("n,na,nb->ab", self.mu, d, d)
-            variances = np.einsum("n,na->a", self.mu, self._variances).tolist()
-            self._combined = x, P, variances, float(np.sum(self.mu * self._fading))
-        x, P, variances, fading = self._combined
+        x = np.einsum("n,na->a", self.mu, self.x)
+        d = self.x - x
+        P = np.einsum("n,nab->ab", self.mu, self.P) + np.einsum("n,na,nb->ab", self.mu, d, d)
+        variances = np.einsum("n,na->a", self.mu, self._variances).tolist()
         Q = process_noise(variances, x, dt)
-        x, F = ctrv(x, dt, fading)
+        x, F = ctrv(x, dt, float(np.sum(self.mu * self._fading)))
         return x, congruence(F, P) + Q
 
 
@@ -245,11 +239,8 @@ class ImmFilter(Estimator, name="imm"):
     def __init__(self, params: TurnRateParams) -> None:
         super().__init__(params)
         self._sway = params.sway_m_sqrt_m
+        self._modes: Sequence[Mode] = MODES
         self.reset()
-
-    def _begin(self, x: Array, P: Array) -> ImmBank:
-        """Return a bank that starts with the first observation."""
-        return ImmBank(MODES, self._sway, x, P)
 
     def reset(self) -> None:
         self.nis = None
@@ -275,7 +266,7 @@ class ImmFilter(Estimator, name="imm"):
             x, P = np.zeros(SIZE), np.zeros((SIZE, SIZE))
             x[:OBSERVED], P[:OBSERVED, :OBSERVED] = z, noise
             P[V, V], P[W, W] = INITIAL_SPEED_STD_M_S**2, INITIAL_YAW_RATE_STD_RAD_S**2
-            self._bank = self._begin(x, P)
+            self._bank = ImmBank(self._modes, self._sway, x, P)
             return
         yaw = float(np.sum(self._bank.mu * self._bank.x[:, YAW]))
         z[YAW] = yaw + wrap(observation.yaw - yaw)
@@ -302,7 +293,4 @@ class ExtendedFilter(ImmFilter, name="ekf_ctrv"):
     def __init__(self, params: CtrvParams) -> None:
         super().__init__(params)
         speed, turn_rate = params.acceleration_std_m_s2, params.yaw_acceleration_std_rad_s2
-        self._mode = Mode(MIN_STEP, 0.0, speed, turn_rate)
-
-    def _begin(self, x: Array, P: Array) -> ImmBank:
-        return ImmBank((self._mode,), self._sway, x, P)
+        self._modes = (Mode(MIN_STEP, 0.0, speed, turn_rate),)
