@@ -14,7 +14,7 @@ from mecazen.messages import PlanarCovariance
 from mecazen.walkers import WalkerTrack
 
 from mecazen_follower.estimators import Estimate
-from mecazen_follower.measurement import Measurement
+from mecazen_follower.measurement import Frame, Measurement
 
 GATE = 25.0
 """Gate of the squared Mahalanobis distance in the plane: 1 in 270,000 true detections is beyond."""
@@ -136,14 +136,12 @@ class Association:
 
     def choose(
         self,
-        time: float,
+        frame: Frame,
         person: Estimate | None,
         expected: Pose2D,
-        seen: Sequence[Measurement],
         *,
         unseen: float,
         lost: bool,
-        begins: bool = True,
     ) -> tuple[Measurement, bool] | None:
         """Return the person's measurement, and whether it restarts their track.
 
@@ -151,17 +149,14 @@ class Association:
         the person's.
 
         Args:
-            time: Time of the frame's capture [s].
-            person: The person's estimate at `time`; None if the person was never seen.
+            frame: The frame, in which every measurement has a known covariance.
+            person: The person's estimate at its capture; None if the person was never seen.
             expected: The person's pose if the robot were at its goal: without an estimate, the
                 measurement nearest to this pose is the person's.
-            seen: The frame's measurements, each with a known covariance.
             unseen: Time since the person was last seen [s].
             lost: Whether `unseen` is too long for a useful estimate.
-            begins: Whether the frame may restart the person's track.
         """
-        if not seen:
-            return None
+        time, seen, begins = frame
         self._predict(time)
         if len(seen) > CROWD:
             place = expected if person is None else person.pose
@@ -200,10 +195,10 @@ class Association:
         """Forget all who have appeared since a time [s]: any of them may be the person."""
         self._others = [track for track in self._others if track.begin <= time]
 
-    def watch(self, time: float, seen: Sequence[Measurement]) -> None:
+    def watch(self, frame: Frame) -> None:
         """Follow the other people while the person is lost."""
-        self._predict(time)
-        self._assign(seen)
+        self._predict(frame.captured)
+        self._assign(frame.measurements)
 
     @property
     def strangers(self) -> list[tuple[float, float]]:

@@ -229,7 +229,7 @@ class PersonTracker:
             return False
         self._captured[begins] = captured
         if not begins and self.unseen > NAMELESS_S:
-            self._association.watch(captured, measurements)
+            self._association.watch(frame)
             return False
         self._latencies.append(time - captured)
         latency = max(self._least_latency, *self._latencies)
@@ -250,13 +250,11 @@ class PersonTracker:
                 self._noise.correct(_headed(measurement, person, expected)) for measurement in known
             ]
             choice = self._association.choose(
-                captured,
+                frame._replace(measurements=known),
                 person,
                 expected,
-                known,
                 unseen=self.unseen,
                 lost=lost,
-                begins=begins,
             )
             if choice is None:
                 return False
