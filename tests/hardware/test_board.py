@@ -6,7 +6,7 @@ import struct
 
 import pytest
 from hardware.stand import ROBOT, to_host
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from mecazen.config import HardwareConfig
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
@@ -67,8 +67,6 @@ def test_reports_are_in_si_units_and_mecazens_order(board):
     (report,) = board.feed(counts(1320, 0, -1320, 660))  # front left, rear left, front right, …
     assert isinstance(report, WheelAngles)
     assert report.angles == pytest.approx((math.tau, -math.tau, 0.0, math.pi))
-    duty = board.turn_wheel(1, 0.5)  # m3 is front right
-    assert duty == frame(0x10, bytes((0, 0, 50, 0)))
     assert board.feed(to_host(0x0A, bytes((0, 0, 0, 0, 0, 0, 118)))) == [Voltage(11.8)]
     numbers = (100, -200, 300, 0, 0, 9810, 0, 0, 0)
     payload = struct.pack("<9h", *numbers)
@@ -102,6 +100,8 @@ def test_each_frame_after_a_damaged_one_is_read(place, garbage, is_cut):
     board, first = RosmasterX3(HardwareConfig(), ROBOT), counts(70000, -5, 123456, 9)
     damaged = first[:place] + garbage + (b"" if is_cut else first[place + len(garbage) :])
     stream = damaged + counts(1320, 0, 0, 0) + counts(2640, 0, 0, 0)
+    whole = stream[: len(first)]
+    assume(whole == first or sum(whole[2:-1]) % 256 != whole[-1])  # one in 256 has its sum
     reports = [report for byte in stream for report in board.feed(bytes((byte,)))]
     assert board.frames == len(reports)
     assert board.refused > 0 or len(reports) == 3
