@@ -18,9 +18,10 @@ from mecazen_people import wander
 from mecazen_people.body.files import READERS
 from mecazen_people.body.recording import read_pelvis
 from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
+from mecazen_people.dataset import read_track
 from mecazen_people.forces import nearest, shapes_of
 from mecazen_people.motion import PersonMotion, PersonPath
-from mecazen_people.recorded import RecordedWalk, read_track
+from mecazen_people.recorded import RecordedWalk
 
 SCRIPT_YAW_ACCELERATION_DEG_S2 = 720.0
 STEP_M, LONGEST_STEP_S = 0.02, 0.1

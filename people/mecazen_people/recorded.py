@@ -2,29 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator
-from io import StringIO
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import scipy  # its parts are loaded when they are used: most paths need none
-from mecazen.errors import ConfigError
-from mecazen.files import read_text
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.portable import Floats, arctan2
 
 from mecazen_people.motion import PersonMotion
 
-COLUMNS = "t_s", "x_m", "y_m"
-MAX_DURATION_S = 4 * 3600.0
-"""Longest track that is read; a longer one is most likely in the wrong unit."""
-MAX_ROWS = 400_000
-"""Maximum number of rows; 4 h at 25 Hz have 360,000."""
-MIN_STEP_S = 0.001
-"""Shortest time between two rows."""
 STANDING_M_S, WALKING_M_S = 0.2, 0.3
 """Below the first speed the heading is held, above the second it follows the motion, between them
 partly."""
@@ -126,54 +113,3 @@ def _headings(velocities: Floats, speeds: Floats, step: float) -> Floats:
         turn = wrap(d1 - d0) + _CORRECTION * step * lag
         headings.append(headings[-1] + min(share0, share1) * min(max(turn, -limit), limit))
     return np.array(headings)
-
-
-def read_track(file: Path) -> Floats:
-    """Read a CSV with the columns `t_s`, `x_m`, `y_m`, in any order and among others, as (n, 3).
-
-    Raises:
-        ConfigError: One line with the file, the line and what is allowed.
-    """
-    lines = StringIO(read_text(file), newline="")
-    try:
-        rows = list(_rows(csv.DictReader(lines)))
-    except (ConfigError, csv.Error) as error:
-        raise ConfigError(f"{file}: {error}") from error
-    if len(rows) < 2:
-        raise ConfigError(f"{file}: must have at least 2 rows below its header, has {len(rows)}")
-    duration = rows[-1][0] - rows[0][0]
-    if duration > MAX_DURATION_S:
-        raise ConfigError(
-            f"{file}: t_s must span at most {MAX_DURATION_S:g} s, spans {duration:g} s"
-        )
-    return np.array(rows)
-
-
-def _rows(reader: csv.DictReader[str]) -> Iterator[list[float]]:
-    header = reader.fieldnames or []
-    missing = [name for name in COLUMNS if name not in header]
-    if missing:
-        raise ConfigError(f"line 1: must name the columns t_s,x_m,y_m; {','.join(missing)} missing")
-    last = -math.inf
-    for number, cells in enumerate(reader, start=1):
-        line = f"line {reader.line_num}"
-        row = [number_in(line, name, cells[name]) for name in COLUMNS]
-        if row[0] - last < MIN_STEP_S:
-            raise ConfigError(
-                f"{line}: t_s must grow by at least {MIN_STEP_S} s, {row[0]:g} follows {last:g}"
-            )
-        if number > MAX_ROWS:
-            raise ConfigError(f"{line}: must have at most {MAX_ROWS} rows")
-        last = row[0]
-        yield row
-
-
-def number_in(line: str, name: str, text: str | None) -> float:
-    """Return the number in a cell of a file; the error begins with `line` and names the cell."""
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= 1e9:
-        raise ConfigError(f"{line}: {name} must be a number from -1e9 to 1e9, is {text or ''!r}")
-    return value

@@ -15,13 +15,9 @@ from hypothesis import strategies as st
 from mecazen.config.people import Gait, Recorded
 from mecazen.errors import ConfigError
 from mecazen.geometry import wrap
+from mecazen_people.dataset import read_track
 from mecazen_people.paths import make_path
-from mecazen_people.recorded import (
-    MAX_YAW_RATE,
-    STANDING_M_S,
-    RecordedWalk,
-    read_track,
-)
+from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, RecordedWalk
 from people.walks import differences
 
 SMOOTHING_S = 0.8
@@ -127,15 +123,16 @@ def test_synthetic_walk_is_what_its_readme_makes():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "line 1: must name the columns t_s,x_m,y_m; t_s,x_m,y_m missing"),
-        ("t_s,x_m,y_m\n0,0,0\n", "must have at least 2 rows below its header, has 1"),
+        ("", "no person has two samples"),
+        ("t,x_m,y_m\n0,0,0\n", "line 1: must name the columns time, x, y, and id"),
+        ("t_s,x_m,y_m\n0,0,0\n", "no person has two samples"),
         ("t_s,x_m,y_m\n0,0,0\n1,nan,0\n", "line 3: x_m must be a number .* is 'nan'"),
         (
             "t_s,x_m,y_m\n0,0,0\n2,0,0\n2,1,0\n",
-            "line 4: t_s must grow by at least 0.001 s, 2 follows 2",
+            "line 4: t_s of person 1 must grow by at least 0.001 s; 2 follows 2",
         ),
-        ("t_s,x_m,y_m\n0,0,0\n75600,1,0\n", "t_s must span at most 14400 s, spans 75600 s"),
-        ('t_s,x_m,y_m\n0,0,"' + "0" * 200_000, "field larger than field limit"),
+        ("t_s,x_m,y_m\n0,0,0\n75600,1,0\n", "the times must span at most 14400 s, span 75600 s"),
+        ("id,t_s,x,y\na,0,0,0\na,1,1,0\nb,0,0,0\nb,1,1,0\n", "has 2 people: `mecazen people imp"),
     ],
 )
 def test_malformed_table_is_refused_in_one_line(tmp_path, text, message):
