@@ -12,7 +12,7 @@ import math
 import time
 from typing import TypeVar
 
-from mecazen.config import HardwareConfig, Scenario
+from mecazen.config import Scenario
 from mecazen.robot import RealMotors
 from mecazen.wheels import WheelSpeeds
 
@@ -39,44 +39,6 @@ STILL = WheelSpeeds()
 MeasuredT = TypeVar("MeasuredT", Inertial, Voltage)
 
 
-class Safety:
-    """Decides whether motors may run, without port and clock."""
-
-    def __init__(self, config: HardwareConfig) -> None:
-        self._config = config
-        self.is_engaged = False
-        """Whether the emergency stop is engaged."""
-        self.volts = math.nan
-        """The newest voltage [V]."""
-        self._low_since_s = math.inf
-        self._empty_volts = math.nan
-        """The voltage that stopped the motors [V]; NaN if the battery was never low for long."""
-
-    def measured(self, volts: float, now_s: float) -> None:
-        """Update with the voltage of the battery [V] at `now_s` [s]."""
-        self.volts = volts
-        is_low = volts < self._config.min_voltage_v
-        self._low_since_s = min(self._low_since_s, now_s) if is_low else math.inf
-        if math.isnan(self._empty_volts) and now_s - self._low_since_s >= LOW_FOR_S:
-            self._empty_volts = volts
-
-    def reason(self, command_age_s: float, report_age_s: float) -> str:
-        """Return the reason to stop the motors; empty if they may run.
-
-        The ages are those of the newest command and the newest report of the wheels.
-        """
-        if self.is_engaged:
-            return "emergency stop; emergency_stop/release lets it drive again"
-        if not math.isnan(self._empty_volts):
-            least = self._config.min_voltage_v
-            return f"battery was at {self._empty_volts:.1f} V; {least:g} V is the least"
-        if report_age_s > REPORT_TIMEOUT_S:
-            return "no report of the board"
-        if command_age_s > STOP_AFTER_S:
-            return NO_COMMAND
-        return ""
-
-
 class Driver:
     """Drives one robot.
 
@@ -85,12 +47,18 @@ class Driver:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        self.config: HardwareConfig = scenario.hardware
+        self.config = scenario.hardware
         self.link = Link(self.config, scenario.robot)
         cycle_s = self.link.board.CYCLE_S
         self.wheels = WheelEstimator(cycle_s, scenario.robot.wheels.max_speed_rad_s)
-        self.safety = Safety(self.config)
         self._motors = scenario.robot.motors
+        self.is_engaged = False
+        """Whether the emergency stop is engaged."""
+        self.volts = math.nan
+        """The newest voltage of the battery [V]."""
+        self._low_since_s = math.inf
+        self._empty_volts = math.nan
+        """The voltage that stopped the motors [V]; NaN if the battery was never low for long."""
         self.stopped_for = ""
         """Reason for which the motors are stopped; empty if they may run."""
         self._new: dict[type[Report], Report] = {}
@@ -113,7 +81,7 @@ class Driver:
             if isinstance(report, WheelAngles):
                 self.wheels.take(report, arrived_s)
             elif isinstance(report, Voltage):
-                self.safety.measured(report.volts, arrived_s)
+                self._watch_battery(report.volts, arrived_s)
             elif isinstance(report, Identity) and report.problem:
                 raise HardwareError(f"{self.config.port}: {report.name}: {report.problem}")
             self._new[type(report)] = report
@@ -136,7 +104,7 @@ class Driver:
 
     def drive(self, speeds: WheelSpeeds, command_age_s: float) -> None:
         """Send wheel speeds [rad/s], or stop the motors if they may not run."""
-        reason = self.safety.reason(command_age_s, self.report_age_s)
+        reason = self._reason(command_age_s)
         has_to_stop = bool(reason) and not self.stopped_for
         if reason not in (self.stopped_for, NO_COMMAND, ""):
             logger.warning("msg=%r", f"motors stopped: {reason}")
@@ -149,9 +117,27 @@ class Driver:
         except ValueError:  # not finite
             self.link.stop()
 
+    def _watch_battery(self, volts: float, now_s: float) -> None:
+        self.volts = volts
+        is_low = volts < self.config.min_voltage_v
+        self._low_since_s = min(self._low_since_s, now_s) if is_low else math.inf
+        if math.isnan(self._empty_volts) and now_s - self._low_since_s >= LOW_FOR_S:
+            self._empty_volts = volts
+
+    def _reason(self, command_age_s: float) -> str:
+        """Return the reason to stop the motors; empty if they may run."""
+        if self.is_engaged:
+            return "emergency stop; emergency_stop/release lets it drive again"
+        if not math.isnan(self._empty_volts):
+            least = self.config.min_voltage_v
+            return f"battery was at {self._empty_volts:.1f} V; {least:g} V is the least"
+        if self.report_age_s > REPORT_TIMEOUT_S:
+            return "no report of the board"
+        return NO_COMMAND if command_age_s > STOP_AFTER_S else ""
+
     def engage(self, *, is_engaged: bool) -> None:
         """Engage or release the emergency stop."""
-        self.safety.is_engaged = is_engaged
+        self.is_engaged = is_engaged
         if is_engaged:
             self.drive(STILL, 0.0)
 
@@ -160,7 +146,7 @@ class Driver:
         board, age_s = self.link.board, self.report_age_s
         return {
             "board": self.link.identity.name,
-            "battery_v": "unknown" if math.isnan(self.safety.volts) else self.safety.volts,
+            "battery_v": "unknown" if math.isnan(self.volts) else self.volts,
             "report_age_s": "never" if math.isinf(age_s) else round(age_s, 3),
             "frames_sent": self.link.sent,
             "frames_unsent": self.link.unsent,
