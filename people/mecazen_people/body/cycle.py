@@ -65,14 +65,16 @@ class Swings(NamedTuple):
 
 
 class LegCycle(NamedTuple):
-    """A leg over its stance (SAMPLES + 1 values), or its swing."""
+    """A leg over its stance and over its swing, SAMPLES + 1 values each."""
 
+    stance_pitch: Sequence[float]
+    """Pitch of the standing foot, toes up [rad]."""
     pitch: Sequence[float]
-    """Pitch of the foot, toes up [rad]."""
+    """Pitch of the swinging foot, toes up [rad]."""
     lift: Sequence[float]
-    """Height of the foot's lowest point [m]; 0 in stance."""
+    """Height of its lowest point [m]."""
     progress: Sequence[float]
-    """Share of the way in the world from the last footprint to the next one; 0 in stance."""
+    """Share of the way in the world from the last footprint to the next one."""
 
 
 class GaitCycle:
@@ -87,7 +89,7 @@ class GaitCycle:
         leads: Forward places of the standing feet at half stance [m].
         forward: Offset of the pelvis ahead over the phase, SAMPLES + 1 values [m].
         height: Height of the pelvis, likewise.
-        legs: Stance and swing of the left leg and of the right one.
+        legs: The left leg and the right one.
     """
 
     def __init__(self, style: Style, segments: Segments, speed: float) -> None:
@@ -150,8 +152,7 @@ class GaitCycle:
             height += weight * (roll_z + drop - z)
         return forward / total, height / total
 
-    def _leg(self, side: int) -> tuple[LegCycle, LegCycle]:
-        """Return a leg's stance and its swing."""
+    def _leg(self, side: int) -> LegCycle:
         share, parts = self.stance_shares[side], [i / SAMPLES for i in range(SAMPLES + 1)]
         stance = [_stance_pitch(u, self._step(side, share * u)[0]) for u in parts]
         phases = [share + (1.0 - share) * u for u in parts]
@@ -172,8 +173,7 @@ class GaitCycle:
             _larger(lift, _CLEARANCE * bump, 0.006 * bump)
             for lift, bump in zip(_tied(lifts, 0.0, 0.0), bumps, strict=True)
         ]
-        zeros = [0.0] * len(parts)
-        return LegCycle(stance, zeros, zeros), LegCycle(pitches, lifts, _tied(progresses, 0.0, 1.0))
+        return LegCycle(stance, pitches, lifts, _tied(progresses, 0.0, 1.0))
 
 
 class GaitTable:
@@ -201,39 +201,33 @@ class GaitTable:
         if speed == self._speed:
             return  # as on most ticks
         self._speed = speed
-        i, b = self._place(speed)
-        a = 1.0 - b
-        low, high = self._cycles[i], self._cycles[i + 1]
-        self._low, self._high, self._share = low, high, b
-        (p, q), (r, s) = low.stance_shares, high.stance_shares
-        self.shares = a * p + b * r, a * q + b * s
-        (p, q), (r, s) = low.leads, high.leads
-        self.leads = a * p + b * r, a * q + b * s
-        self.stride = a * low.stride + b * high.stride
-        self.swings = Swings._make([a * p + b * q for p, q in zip(low.swings, high.swings)])  # noqa: B905
+        i, self._share = self._place(speed)
+        self._low, self._high = low, high = self._cycles[i], self._cycles[i + 1]
+        self.shares = self._mixed(low.stance_shares, high.stance_shares)
+        self.leads = self._mixed(low.leads, high.leads)
+        (self.stride,) = self._mixed((low.stride,), (high.stride,))
+        self.swings = Swings._make(self._mixed(low.swings, high.swings))
 
-    def pelvis(self, phase: float) -> tuple[float, float]:
+    def _mixed(self, low: Sequence[float], high: Sequence[float]) -> list[float]:
+        """Return the values at the speed, from those of the cycles below and above."""
+        a, b = 1.0 - self._share, self._share
+        return [a * p + b * q for p, q in zip(low, high, strict=True)]
+
+    def pelvis(self, phase: float) -> list[float]:
         """Return the pelvis's forward place and its height at the left leg's phase [m]."""
-        low, high, b = self._low, self._high, self._share
-        return (
-            (1.0 - b) * _at(low.forward, phase) + b * _at(high.forward, phase),
-            (1.0 - b) * _at(low.height, phase) + b * _at(high.height, phase),
+        return self._mixed(
+            *([_at(c.forward, phase), _at(c.height, phase)] for c in (self._low, self._high))
         )
 
     def stance_pitch(self, side: int, part: float) -> float:
         """Return the pitch of a foot on the ground [rad] at a part of its stance."""
-        low, high, b = self._low.legs[side][0], self._high.legs[side][0], self._share
-        return (1.0 - b) * _at(low.pitch, part) + b * _at(high.pitch, part)
+        low, high = (_at(c.legs[side].stance_pitch, part) for c in (self._low, self._high))
+        return self._mixed((low,), (high,))[0]
 
-    def swing(self, side: int, part: float) -> tuple[float, float, float]:
+    def swing(self, side: int, part: float) -> list[float]:
         """Return pitch, lift and progress of a foot at a part of its swing: see `LegCycle`."""
-        low, high, b = self._low.legs[side][1], self._high.legs[side][1], self._share
-        a = 1.0 - b
-        return (
-            a * _at(low.pitch, part) + b * _at(high.pitch, part),
-            a * _at(low.lift, part) + b * _at(high.lift, part),
-            a * _at(low.progress, part) + b * _at(high.progress, part),
-        )
+        legs = self._low.legs[side], self._high.legs[side]
+        return self._mixed(*([_at(values, part) for values in leg[1:]] for leg in legs))
 
 
 def _stance_pitch(part: float, pitch: float) -> float:
