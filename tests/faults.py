@@ -1,27 +1,23 @@
-"""Helpers for tests of faults: a scenario under `mecazen up`, watched tick by tick, and kills."""
+"""Helpers for tests of faults: a stack that is watched tick by tick, kills and freezes."""
 
 import math
 import os
 import random
 import signal
-import subprocess
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Iterable
 from itertools import combinations
 from typing import NamedTuple
 
-import psutil
-from harness import COMMAND_GUARD_S, Newest, command, options, wait
+from harness import Newest
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import FollowerConfig
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.loading import load_scenario, parse_settings, scenario_path
 from mecazen.messages import Odometry
 from mecazen.wire import Stamp
-from mecazen_tools.processes import private_router
+from stack import Stack
 
 SERVICES = ("physics", "controller", "target", "follower")
 PARTS = (*SERVICES, "router")
@@ -73,8 +69,7 @@ class Watch:
         self.following_since = None
 
     def __repr__(self) -> str:
-        follower = self.state.message
-        return f"{self.stamp}: {self.robot} {self.twist}, {self.person.message}, {follower}"
+        return f"{self.stamp}: {self.robot} {self.twist}, {self.state.message}"
 
     @property
     def follows(self) -> bool:
@@ -127,50 +122,36 @@ def seconds(begin: Stamp, end: Stamp) -> float:
     return (end.time_ns - begin.time_ns) / 1e9
 
 
-class Up(AbstractContextManager["Up"]):
-    """`mecazen up`, and a bus beside it."""
+class Following:
+    """A stack whose robot follows, and a watch over it."""
 
-    def __init__(self, scenario: str, *settings: str, restart: bool = True) -> None:
-        self.settings = (*settings, *private_router())
-        self.scenario = load_scenario(scenario_path(scenario), parse_settings(self.settings))
-        how = [*(["--restart"] if restart else []), "--no-viewer", *options(self.settings)]
-        self.process = subprocess.Popen(
-            **command(["up", scenario, *how]), stdout=subprocess.DEVNULL
-        )
-        self.bus = ZenohBus(self.scenario.bus)
-        self.bus.declare_alive("test")
-        self.watch = Watch(self.bus)
+    def __init__(self, stack: Stack, *, restart: bool = False) -> None:
+        self.stack = stack
+        self.watch = Watch(stack.bus)
+        self.wait = stack.wait if restart else stack.wait_unwatched
+        stack.start()
+        self.wait(lambda: self.watch.follows)
 
-    def pid(self, name: str) -> int | None:
-        """The process that plays a part now, or None while there is none."""
-        for child in psutil.Process(self.process.pid).children(recursive=True):
-            with suppress(psutil.NoSuchProcess):  # it has just ended
-                if child.name() == name:
-                    return child.pid
-        return None
+    @property
+    def now(self) -> Stamp:
+        """The newest tick."""
+        assert self.watch.stamp is not None
+        return self.watch.stamp
 
-    def wait(self, condition: Callable[[], bool]) -> None:
-        """Deliver samples until a condition holds."""
-
-        def going() -> bool:
-            assert self.process.poll() is None, "`up` has ended"
-            return condition()
-
-        wait(self.bus, going)
-
-    def wait_until_it_follows(self) -> None:
-        """Deliver samples until all are ready, and the robot follows."""
-        self.wait(lambda: self.ready(SERVICES) and self.watch.follows)
+    def signal(self, name: str, number: int) -> None:
+        os.kill(self.stack.supervisor.pids[name], number)
 
     def ready(self, names: Iterable[str]) -> bool:
         """Whether services are ready."""
-        return {f"{name}/ready" for name in names} <= self.bus.presence.names
+        return {f"{name}/ready" for name in names} <= self.stack.bus.presence.names
 
-    def __exit__(self, *error: object) -> None:
-        """End everything."""
-        self.bus.close()
-        self.process.send_signal(signal.SIGINT)
-        self.process.wait(COMMAND_GUARD_S)
+    def recovery_s(self, back: Stamp) -> float:
+        """Wait until the robot follows again; return the simulated time from a tick on."""
+        watch = self.watch
+        self.wait(lambda: watch.follows or seconds(back, self.now) > RESUME_S + 2 * DOUBT_S)
+        assert watch.following_since is not None, f"does not follow again: {watch}"
+        watch.assert_sane()
+        return max(0.0, seconds(back, watch.following_since))
 
 
 class Strike(NamedTuple):
@@ -191,67 +172,55 @@ class Strike(NamedTuple):
         return self.resumed_s <= RESUME_S + (DOUBT_S if self.frozen else 0.0)
 
 
-def strike(up: Up, names: tuple[str, ...]) -> Strike:
+def strike(robot: Following, names: tuple[str, ...]) -> Strike:
     """Kill parts at once, see that the robot stays sane, and wait until it follows again."""
-    watch = up.watch
+    watch, supervisor = robot.watch, robot.stack.supervisor
+    presence = robot.stack.bus.presence
     services = [name for name in names if name != "router"]
     watch.begin_anew()
-    before = watch.stamp
-    pids = {name: up.pid(name) for name in names}
-    returns = {name: up.bus.presence.returns[name] for name in services}
-    begin = time.monotonic()
-    for pid in pids.values():
-        os.kill(pid, signal.SIGKILL)
+    before, pids, begin = robot.now, supervisor.pids, time.monotonic()
+    returns = {name: presence.returns[name] for name in services}
+    for name in names:
+        robot.signal(name, signal.SIGKILL)
     # the first of two may be back before the second is gone
-    up.wait(lambda: all(up.bus.presence.returns[n] > count for n, count in returns.items()))
-    up.wait(lambda: up.ready(services) and all(up.pid(n) not in (None, pids[n]) for n in names))
-    back_s = time.monotonic() - begin
-    back = watch.stamp
+    robot.wait(lambda: all(presence.returns[name] > count for name, count in returns.items()))
+    robot.wait(lambda: all(supervisor.pids[name] != pids[name] for name in names))
+    robot.wait(lambda: all(map(supervisor.works, names)) and robot.ready(services))
+    back_s, back = time.monotonic() - begin, robot.now
     if services:
         watch.following_since = None
     if "physics" in names:
         # what had been sent in the run before may come as late as that
-        up.wait(lambda: watch.stamp is not None and watch.stamp.run != before.run)
+        robot.wait(lambda: robot.now.run != before.run)
         back = back._replace(time_ns=0)
-    return _recovery(up, names, back, back_s, frozen=False)
+    resumed_s = robot.recovery_s(back)
+    return Strike(names, False, back_s, resumed_s, watch.fastest_m_s, watch.hardest_m_s2)
 
 
-def freeze(up: Up, name: str, frozen_s: float) -> Strike:
+def freeze(robot: Following, name: str, frozen_s: float) -> Strike:
     """Freeze a part for a while, and wait until the robot follows again."""
-    up.watch.begin_anew()
-    pid, begin = up.pid(name), time.monotonic()
-    os.kill(pid, signal.SIGSTOP)
+    watch, begin = robot.watch, time.monotonic()
+    watch.begin_anew()
+    robot.signal(name, signal.SIGSTOP)
     try:
-        up.wait(lambda: time.monotonic() - begin >= frozen_s)
+        robot.wait(lambda: time.monotonic() - begin >= frozen_s)
     finally:
-        os.kill(pid, signal.SIGCONT)
-    up.watch.following_since = None
-    return _recovery(up, (name,), up.watch.stamp, frozen_s, frozen=True)
+        robot.signal(name, signal.SIGCONT)
+    watch.following_since = None
+    resumed_s = robot.recovery_s(robot.now)
+    return Strike((name,), True, frozen_s, resumed_s, watch.fastest_m_s, watch.hardest_m_s2)
 
 
-def _recovery(
-    up: Up, names: tuple[str, ...], back: Stamp, back_s: float, *, frozen: bool
-) -> Strike:
-    """Wait until the robot follows again, at most twice as long as it may take; check it."""
-    watch = up.watch
-    up.wait(lambda: watch.follows or seconds(back, watch.stamp or back) > RESUME_S + 2 * DOUBT_S)
-    since = watch.following_since
-    assert since is not None, f"{names}: does not follow again"
-    watch.assert_sane()
-    resumed_s = max(0.0, seconds(back, since))
-    return Strike(names, frozen, back_s, resumed_s, watch.fastest_m_s, watch.hardest_m_s2)
-
-
-def strikes(up: Up, count: int, seed: int) -> Iterable[Strike]:
+def strikes(robot: Following, count: int, seed: int) -> Iterable[Strike]:
     """Kill parts at random moments, alone or two at once, and freeze others; a third of each."""
     chance = random.Random(seed)
     pairs = list(combinations(PARTS, 2))
     for _ in range(count):
         kind, part, freezes = chance.randrange(3), chance.choice(PARTS), chance.choice(FREEZING)
         pause_s, frozen_s = chance.uniform(0.0, 1.0), chance.uniform(*FROZEN_S)
-        begin = up.watch.stamp
-        up.wait(lambda begin=begin, s=pause_s: seconds(begin, up.watch.stamp or begin) >= s)
+        begin = robot.now
+        robot.wait(lambda begin=begin, s=pause_s: seconds(begin, robot.now) >= s)
         if kind == 0:
-            yield freeze(up, freezes, frozen_s)
+            yield freeze(robot, freezes, frozen_s)
         else:
-            yield strike(up, (part,) if kind == 1 else chance.choice(pairs))
+            yield strike(robot, (part,) if kind == 1 else chance.choice(pairs))

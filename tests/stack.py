@@ -19,13 +19,16 @@ from mecazen_tools.trajectory import Trajectory
 
 
 class Stack:
-    """The processes of a scenario, and a bus that watches them."""
+    """The processes of a scenario, and a bus that watches them.
 
-    def __init__(self, path: Path, settings: tuple[str, ...]) -> None:
+    With `restart` those that end are started again.
+    """
+
+    def __init__(self, path: Path, settings: tuple[str, ...], *, restart: bool = False) -> None:
         secure = any(setting.startswith("bus.keys=") for setting in settings)
         self.settings = (*settings, *private_router("tls" if secure else "tcp"))
         self.scenario: Scenario = load_scenario(path, parse_settings(self.settings))
-        self.supervisor = Supervisor(path, self.settings)
+        self.supervisor = Supervisor(path, self.settings, restart=restart)
         self.supervisor.start_router()
         self.bus = ZenohBus(self.scenario.bus)
         self.bus.declare_alive("test")

@@ -4,11 +4,14 @@
 JSON, and continues after those hundreds that are in the file, so that a long series may be divided.
 """
 
+from contextlib import closing
 from pathlib import Path
 from statistics import median
 
 import msgspec
-from faults import FREEZING, PARTS, WALK, Strike, Up, strikes
+from faults import FREEZING, PARTS, WALK, Following, Strike, strikes
+from harness import SCENARIOS
+from stack import Stack
 
 EACH = 100
 """Kills and freezes of a run."""
@@ -20,9 +23,8 @@ def test_after_each_kill_and_each_freeze_the_robot_follows_again(scale, request,
     done = read(log)
     for seed in range(SEED + len(done) // EACH, SEED + scale):
         done = done[: (seed - SEED) * EACH]  # a run that was cut short begins again
-        with Up("circle", *WALK) as up:
-            up.wait_until_it_follows()
-            for struck in strikes(up, EACH, seed):
+        with closing(Stack(SCENARIOS / "circle.toml", WALK, restart=True)) as stack:
+            for struck in strikes(Following(stack, restart=True), EACH, seed):
                 done.append(struck)
                 print(f"{len(done):4} {struck}", flush=True)
         log.write_bytes(b"".join(msgspec.json.encode(one) + b"\n" for one in done))

@@ -11,8 +11,8 @@ def stack():
     """Make stacks of processes that end with the test."""
     stacks = []
 
-    def make(path, *settings):
-        stacks.append(Stack(path, settings))
+    def make(path, *settings, **options):
+        stacks.append(Stack(path, settings, **options))
         return stacks[-1]
 
     yield make

@@ -5,22 +5,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 
 import msgspec
 import pytest
-from faults import RESUME_S, SERVICES, WALK, Up, Watch, seconds, strike
+from faults import RESUME_S, SERVICES, WALK, Following, seconds, strike
 from harness import COMMAND_GUARD_S, ROOT, SCENARIOS, Newest, here, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.geometry import Twist2D
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, ResetRequest, Twist
-from mecazen.wire import Stamp
 from mecazen_recorder.reader import Recording
 from mecazen_tools.processes import ProcessError
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
+from stack import Stack
 from system.intruders import slow_observer
 
 WATCHFUL = ROOT / "configs" / "zenoh" / "watchful.json5"
@@ -34,42 +33,26 @@ REST_S = 5.0
 """A robot that looks for the person waits 2 s, and needs 1 s to stand; twice that is too much."""
 
 
-class Running:
+class Running(Following):
     """Services without a supervisor that restarts them, all of them following."""
 
-    def __init__(self, stack: Callable[..., object], *settings: str) -> None:
-        self.stack = stack(CIRCLE, *WALK, *settings)
-        self.watch = Watch(self.stack.bus)
-        self.stack.start()
-        self.wait(lambda: self.watch.follows and self.watch.speed_m_s > STROLL_M_S)
-
-    def wait(self, condition: Callable[[], bool]) -> None:
-        self.stack.wait_unwatched(condition)
-
-    def signal(self, name: str, number: int) -> None:
-        os.kill(self.stack.supervisor.pids[name], number)
-
-    def now(self) -> Stamp:
-        return self.watch.stamp
+    def __init__(self, stack: Stack) -> None:
+        super().__init__(stack)
+        self.wait(lambda: self.watch.speed_m_s > STROLL_M_S)
 
     def wait_for_rest(self) -> None:
-        begin = self.now()
-        self.wait(lambda: self.watch.speed_m_s < AT_REST_M_S or seconds(begin, self.now()) > REST_S)
+        begin = self.now
+        self.wait(lambda: self.watch.speed_m_s < AT_REST_M_S or seconds(begin, self.now) > REST_S)
         assert self.watch.speed_m_s < AT_REST_M_S
 
     def wait_until_it_follows_again(self) -> None:
-        begin = self.now()
         self.watch.following_since = None
-        self.wait(lambda: self.watch.follows or seconds(begin, self.now()) > 2 * RESUME_S)
-        since = self.watch.following_since
-        assert since is not None, f"it does not follow again: {self.watch}"
-        assert seconds(begin, since) <= RESUME_S
-        self.watch.assert_sane()
+        assert self.recovery_s(self.now) <= RESUME_S
 
 
 @pytest.fixture
 def running(stack):
-    return Running(stack)
+    return Running(stack(CIRCLE, *WALK))
 
 
 def health(name: str, settings: tuple[str, ...]) -> tuple[int, str]:
@@ -107,26 +90,26 @@ def test_time_stands_still_without_physics_which_begins_a_run_when_it_is_back(ru
     running.signal("physics", signal.SIGSTOP)
     while running.stack.bus.spin_once(1.0):
         pass
-    held = running.now()
+    held = running.now
     running.signal("physics", signal.SIGCONT)
     running.wait_until_it_follows_again()
-    assert running.now().run == held.run
+    assert running.now.run == held.run
     running.stack.call(keys.SIM_PAUSE, Empty())
     running.signal("physics", signal.SIGKILL)
     running.wait(lambda: "physics" not in running.stack.bus.presence.names)
     running.stack.launch("physics")
-    running.wait(lambda: running.now().run != held.run)
-    assert running.now().time_ns < 10**9
-    assert running.now().seed == held.seed
+    running.wait(lambda: running.now.run != held.run)
+    assert running.now.time_ns < 10**9
+    assert running.now.seed == held.seed
     running.wait_until_it_follows_again()
     assert not running.stack.call(keys.SIM_STATE, Empty()).paused
 
 
 def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_come_back(running):
     running.watch.begin_anew()
-    begin = running.now()
+    begin = running.now
     running.signal("router", signal.SIGKILL)
-    running.wait(lambda: seconds(begin, running.now()) > 1.0)
+    running.wait(lambda: seconds(begin, running.now) > 1.0)
     assert running.watch.follows
     with pytest.raises(ProcessError, match="router: was killed by SIGKILL"):
         running.stack.wait(lambda: False)
@@ -143,28 +126,38 @@ def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_
     running.wait_until_it_follows_again()
 
 
-def test_up_restarts_what_is_killed_alone_or_two_at_once():
-    with Up("circle", *WALK) as up:
-        up.wait_until_it_follows()
-        for struck in (
-            strike(up, ("physics", "router")),
-            strike(up, ("controller", "follower")),
-        ):
-            assert struck.in_time, struck
-        status = here(*tools(up.scenario.bus), "status", "--json")
-        services = msgspec.json.decode(status.stdout)["services"]
-        assert {name: service["state"] for name, service in services.items()} == {
-            **dict.fromkeys(SERVICES, "ready"),
-            "test": "alive",
-        }
-        returns = up.bus.presence.returns
-        assert returns["controller"] >= 1
-        assert services["controller"]["restarts"] <= returns["controller"]
+def test_what_is_killed_is_started_again_alone_or_two_at_once(stack, tmp_path):
+    files = [tmp_path / name for name in ("run.mcap", "run-2.mcap")]
+    recorded = f"services={[*SERVICES, 'recorder']}", f"recorder.file={files[0]}"
+    robot = Following(stack(CIRCLE, *WALK, *recorded, restart=True), restart=True)
+    returns, run = robot.stack.bus.presence.returns, robot.now.run
+    robot.wait(lambda: robot.now.time_ns > 3e9)  # some of which is in the file
+    robot.signal("recorder", signal.SIGKILL)
+    robot.wait(lambda: returns["recorder/ready"] == 1)
+    back = robot.now
+    robot.wait(lambda: seconds(back, robot.now) > 1.0)
+    for names in (("physics", "router"), ("controller", "follower")):
+        struck = strike(robot, names)
+        assert struck.in_time, struck
+    status = here(*tools(robot.stack.scenario.bus), "status", "--json")
+    services = msgspec.json.decode(status.stdout)["services"]
+    assert {name: service["state"] for name, service in services.items()} == {
+        **dict.fromkeys((*SERVICES, "recorder"), "ready"),
+        "test": "alive",
+    }
+    assert returns["controller"] >= 1
+    assert services["controller"]["restarts"] <= returns["controller"]
+    robot.stack.supervisor.stop()
+    before, after = (
+        [s.time_ns for s in Recording(file).samples() if s.key == "clock" and s.stamp.run == run]
+        for file in files
+    )
+    assert 0 < max(before) < min(after)
 
 
 def test_a_service_that_is_frozen_for_longer_than_its_lease_is_counted_as_back(stack):
     # of two peers one may never hear of the other again: eclipse-zenoh/zenoh, issue 2806
-    running = Running(stack, f"bus.zenoh_config={WATCHFUL}", "bus.mode=client")
+    running = Running(stack(CIRCLE, *WALK, f"bus.zenoh_config={WATCHFUL}", "bus.mode=client"))
     tokens = {"controller", "controller/ready"}
     running.signal("controller", signal.SIGSTOP)
     running.wait(lambda: not tokens & running.stack.bus.presence.names)
@@ -172,49 +165,6 @@ def test_a_service_that_is_frozen_for_longer_than_its_lease_is_counted_as_back(s
     running.wait(lambda: tokens <= running.stack.bus.presence.names)
     running.wait_until_it_follows_again()
     assert running.stack.bus.presence.returns["controller"] == 1
-
-
-SLOW = """
-import time
-
-from mecazen_follower.node import FollowerNode
-
-
-class Slow(FollowerNode):
-    def step(self, tick, inputs):
-        time.sleep(0.05)  # five ticks long
-        return super().step(tick, inputs)
-"""
-
-
-def test_a_slow_follower_costs_ticks_and_the_robot_follows(stack, tmp_path):
-    (tmp_path / "slow.py").write_text(SLOW)
-    running = Running(stack, f"programs.follower={tmp_path / 'slow.py'}:Slow")
-    said = {}
-    running.stack.bus.subscribe(
-        keys.diagnostics("follower"),
-        lambda report, _: said.update({v.key: v.value for v in report.status[0].values}),
-    )
-    running.wait(lambda: int(said.get("missed_ticks", 0)) > 100 and "hz/odom" in said)
-    assert float(said["hz/odom"]) <= 21.0
-    running.wait_until_it_follows_again()
-
-
-def test_a_recorder_that_was_killed_goes_on_in_a_file_of_its_own(tmp_path):
-    files = [tmp_path / name for name in ("run.mcap", "run-2.mcap")]
-    services = f"services={[*SERVICES, 'recorder']}"
-    with Up("circle", *WALK, services, f"recorder.file={files[0]}") as up:
-        up.wait(lambda: up.watch.stamp is not None and up.watch.stamp.time_ns > 3e9)
-        recorder = up.pid("recorder")
-        os.kill(recorder, signal.SIGKILL)
-        up.wait(lambda: up.bus.presence.returns["recorder/ready"] == 1)
-        back = up.watch.stamp
-        up.wait(lambda: seconds(back, up.watch.stamp or back) > 1.0)
-    before, after = (
-        [sample.time_ns for sample in Recording(file).samples() if sample.key == "clock"]
-        for file in files
-    )
-    assert 0 < max(before) < min(after)
 
 
 TELEOP = SCENARIOS / "teleop.toml"
