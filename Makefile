@@ -199,7 +199,7 @@ test-chaos: .venv/developer
 	.venv/bin/python -m pytest -s -o faulthandler_timeout=0 --scale $(HUNDREDS) $(if $(LOG),--log $(LOG)) tests/chaos
 
 soak: .venv/developer
-	.venv/bin/python -m pytest -s -o faulthandler_timeout=0 --scale $(SCALE) tests/system/test_soak.py tests/system/test_floods.py tests/system/test_intruders.py
+	.venv/bin/python -m pytest -s -o faulthandler_timeout=0 --scale $(SCALE) tests/system/test_soak.py
 
 test-compose: .venv/developer
 	@.ci/docker-host || exit 0; exec .venv/bin/python -m pytest tests/compose

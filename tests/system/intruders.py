@@ -12,17 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
-from harness import COMMAND_GUARD_S, SCENARIOS
+from harness import COMMAND_GUARD_S
 from hostile import Put
 from mecazen import keys
 from mecazen.bus.base import decode_sample
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Message
 from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, RefusedError, decode, encode
 from mecazen_recorder.reader import Recording
-from mecazen_tools.simulate import simulate
+from mecazen_tools.simulation import Simulation
 
 SEED = 20
 TOKEN = re.compile(rb'"[^"]*"|[-+.\w]+')
@@ -47,30 +46,26 @@ OPEN_QUERIES = 50
 wait."""
 
 OF_A_SESSION = 20_000
-"""Payloads that a session sends."""
-TOKENS = 2000
-"""Liveliness tokens that an intruder declares in all. Zenoh 1.10.2 keeps each name at both ends of
-every link over which it has ever gone: after 15,000 of them a query takes 17 ms instead of 0.6."""
+"""Payloads that a session sends. Only the first declares liveliness tokens: Zenoh 1.10.2 keeps each
+name at both ends of every link over which it has ever gone, and queries take longer with each."""
 
 Good = Mapping[str, Sequence[Message]]
 """Messages that each key carries."""
 
 
 def sample_messages(folder: Path) -> Good:
-    """Record a run; return messages of each key, a default one where nothing is published."""
+    """Record a run; return messages of each key, and a default one."""
     file = folder / "good.mcap"
-    scenario = load_scenario(SCENARIOS / "back.toml", {"sim.duration_s": 1.0})
-    services = str([*scenario.services, "recorder"]).replace("'", '"')
-    settings = ("sim.duration_s=1.0", f"services={services}", f'recorder.file="{file}"')
-    simulate(load_scenario(SCENARIOS / "back.toml", parse_settings(settings)), "back")
-    topics = {topic.key: topic for topic in keys.TOPICS if "*" not in topic.key}
-    topics |= {(of := keys.diagnostics(part)).key: of for part in scenario.services}
-    good: dict[str, list[Message]] = {key: [] for key in topics}
+    with Simulation("back", duration_s=1.0, record=file) as sim:
+        sim.run()
+        services = sim.scenario.services
+    topics = [topic for topic in keys.TOPICS if "*" not in topic.key]
+    topics += [keys.diagnostics(part) for part in services]
+    good: dict[str, list[Message]] = {topic.key: [topic.type()] for topic in topics}
     for sample in Recording(file).samples():
-        if len(good.get(sample.key, range(20))) < 20:
-            good[sample.key].append(sample.message(topics[sample.key].type))
-    found = {key: messages or [topics[key].type()] for key, messages in good.items()}
-    return found | {key: [call.request()] for key, call in CALLS.items()}
+        if sample.kind is not None and len(good.get(sample.key, range(20))) < 20:
+            good[sample.key].append(sample.message(sample.kind))
+    return good | {key: [call.request()] for key, call in CALLS.items()}
 
 
 def malformed(good: Good) -> Iterator[Put]:
@@ -126,20 +121,19 @@ class Intruder:
         self._session = open_session()
         self._random = random.Random(SEED)
         self._malformed = malformed(good)
-        self._good = [(key, encode(m)) for key, of in good.items() for m in of]
-        self._puts = [(key, payload) for key, payload in self._good if key not in CALLS]
+        self._puts = [(key, encode(m)) for key, of in good.items() if key not in CALLS for m in of]
         self._tokens: list[Any] = []
         self._asked: deque[tuple[Any, bool]] = deque()
-        self.sent = self.accepted = self._joined = self._named = 0
+        self.sent = self.accepted = 0
 
     def send(self, count: int) -> None:
         """Send some more."""
-        if self.sent - self._joined >= OF_A_SESSION:
+        if self.sent // OF_A_SESSION < (self.sent + count) // OF_A_SESSION:
             self.leave()
-            self._session, self._joined = self._open_session(), self.sent
+            self._session = self._open_session()
         for _ in range(count):
-            self._send_one(self._random.random())
-        self.sent += count
+            self._send(self._random.random())
+            self.sent += 1
 
     def leave(self) -> None:
         """Take all answers, and close the session."""
@@ -147,8 +141,9 @@ class Intruder:
         self._tokens.clear()
         self._session.close()
 
-    def _send_one(self, which: float) -> None:
+    def _send(self, which: float) -> None:
         choice = self._random.choice
+        key, payload = choice(self._puts)
         if which < 0.85:
             key, payload, label, attachment = next(self._malformed)
             if key in CALLS:
@@ -156,19 +151,15 @@ class Intruder:
             else:
                 self._session.put(key, payload, encoding=label or None, attachment=attachment)
         elif which < 0.90:
-            self._session.put(choice(EXPRESSIONS), choice(self._puts)[1])
+            self._session.put(choice(EXPRESSIONS), payload)
         elif which < 0.93:
-            self._ask(choice(EXPRESSIONS), choice(self._good)[1], None, malformed=False)
-        elif which < 0.98 or self._named >= TOKENS:
-            key, payload = choice(self._puts)
+            self._ask(choice(EXPRESSIONS), payload, None, malformed=False)
+        elif which < 0.98 or self.sent > OF_A_SESSION:
             self._session.put(key, payload, attachment=self._random.randbytes(choice(SIZES)))
         else:
             form = choice(("mecazen/[/{}]\x1b", "mecazen/viewer/{}/every", "{}/mecazen/viewer"))
-            name = form.format(self._named)
-            self._named += 1
-            self._tokens.append(self._session.liveliness().declare_token(name))
-            if len(self._tokens) > 100:
-                self._tokens.pop(0).undeclare()
+            token = self._session.liveliness().declare_token(form.format(self.sent))
+            self._tokens = [*self._tokens[-100:], token]
 
     def _ask(self, key: str, payload: bytes, attachment: bytes | None, *, malformed: bool) -> None:
         replies = self._session.get(key, payload=payload, attachment=attachment, timeout=1.0)
@@ -184,13 +175,11 @@ class Intruder:
 
 
 @contextmanager
-def flooding(names, payload, rate_hz, config):
+def flooding(names, payload, config):
     """Flood from another process; yield the number of its puts."""
     context = multiprocessing.get_context("spawn")
     sent, stop = context.Value("q", 0), context.Event()
-    process = context.Process(
-        target=flood_until, args=(stop, names, payload, rate_hz, config, sent)
-    )
+    process = context.Process(target=flood_until, args=(stop, names, payload, config, sent))
     process.start()
     try:
         yield sent
@@ -199,17 +188,12 @@ def flooding(names, payload, rate_hz, config):
         process.join()
 
 
-def flood_until(stop, names, payload, rate_hz, config, sent) -> None:
+def flood_until(stop, names, payload, config, sent) -> None:
     with closing(ZenohBus(config, "client", name="viewer")) as bus:
-        begin = time.perf_counter()
         while not stop.is_set():
             for key in names:
                 bus.put_bytes(key, payload, JSON_ENCODING)
             sent.value += len(names)
-            if rate_hz is not None:
-                time.sleep(max(0.0, begin + sent.value / rate_hz - time.perf_counter()))
-            elif not names:
-                stop.wait()
 
 
 SAMPLE_S = 0.05
