@@ -48,19 +48,11 @@ def command(arguments: Sequence[object], folder: Path = ROOT, **variables: str) 
 
 
 def mecazen(
-    *arguments: object,
-    before: Callable[[], None] | None = None,
-    folder: Path = ROOT,
-    **variables: str,
+    *arguments: object, folder: Path = ROOT, **variables: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end; `before` is called in its process, before it begins."""
-    return subprocess.run(
-        **command(arguments, folder, **variables),
-        capture_output=True,
-        timeout=COMMAND_GUARD_S,
-        check=False,
-        preexec_fn=before,
-    )
+    """Run a command to its end, in a process of its own."""
+    starts = command(arguments, folder, **variables)
+    return subprocess.run(**starts, capture_output=True, timeout=COMMAND_GUARD_S, check=False)
 
 
 def here(
@@ -141,11 +133,6 @@ def is_running(pid: int) -> bool:
 def options(settings: Sequence[str]) -> list[str]:
     """Return the options that lay settings over a scenario."""
     return [f"--set={setting}" for setting in settings]
-
-
-def endpoint_of(settings: Sequence[str]) -> str:
-    """Return where processes meet, as `private_router` has it."""
-    return settings[0].split('"')[1]
 
 
 def tools(bus: BusConfig) -> tuple[str, ...]:

@@ -13,15 +13,14 @@ from harness import (
     SCENARIOS,
     Command,
     assert_one_line,
-    endpoint_of,
     here,
     is_running,
     mecazen,
     options,
+    tools,
 )
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.config import BusConfig
-from mecazen.loading import effective, load_scenario
+from mecazen.loading import effective, load_scenario, parse_settings
 from mecazen_tools.cli import simulate
 from mecazen_tools.processes import private_router
 
@@ -52,11 +51,13 @@ def test_scenario_and_settings_may_come_from_the_environment():
 
 
 def test_a_run_works_on_one_core_and_where_only_ascii_is_printed():
-    def one_core() -> None:
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-
-    run = ("simulate", "back", "--duration", "1.2", "--distributed")
-    done = mecazen(*run, before=one_core, PYTHONIOENCODING="ascii")
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    try:
+        run = ("simulate", "back", "--duration", "1.2", "--distributed")
+        done = mecazen(*run, PYTHONIOENCODING="ascii")
+    finally:
+        os.sched_setaffinity(0, cores)
     assert done.returncode == 0
     assert "trajectory: sha256" in done.stdout
     assert done.stdout.isascii()
@@ -79,34 +80,23 @@ def test_ctrl_c_keeps_a_run_and_no_file_is_overwritten(monkeypatch, tmp_path):
     assert_one_line(here(*run), 1, "run.csv", "exists already")
 
 
-class Up(Command):
-    """`mecazen up`, at a router of its own."""
-
-    def __init__(self, scenario: str, *settings: str) -> None:
-        self.router = private_router()
-        ports = ("viewer.web_port=0", "viewer.data_port=0")
-        super().__init__("up", scenario, *options((*settings, *ports, *self.router)))
-
-    @property
-    def tools(self) -> tuple[str, ...]:
-        """The options by which tools reach it."""
-        namespace = self.router[1].partition("=")[2]
-        return ("--connect", endpoint_of(self.router), "--namespace", namespace)
-
-    def pids(self) -> dict[str, int]:
-        rows = [line.split("│") for line in self.text.splitlines() if line.startswith("│")]
-        return {row[1].strip(): int(row[2]) for row in rows}
+def pids_of(up: Command) -> dict[str, int]:
+    """Return the processes that `mecazen up` has shown."""
+    rows = [line.split("│") for line in up.text.splitlines() if line.startswith("│")]
+    return {row[1].strip(): int(row[2]) for row in rows}
 
 
 def test_up_shows_what_runs_and_ends_all_of_it_by_ctrl_c_or_when_a_process_dies():
-    up = Up("back", "sim.speed=4")
+    router = private_router()
+    ports = ("viewer.web_port=0", "viewer.data_port=0")
+    up = Command("up", "back", *options((*ports, *router)))
+    bus = load_scenario(SCENARIOS / "back.toml", parse_settings(router)).bus
     url = up.read_until("Watch it at").split()[-1]
     up.read_until("following")
-    pids = up.pids()
+    pids = pids_of(up)
     assert set(pids) == {"router", "physics", "controller", "target", "follower", "viewer"}
     services = {}
     end = time.monotonic() + COMMAND_GUARD_S
-    bus = BusConfig(connect=(up.tools[1],), namespace=up.tools[3])
     with closing(ZenohBus(bus, "client")) as hand:
         # no service waits for the viewer, which takes longest to start
         while not (
@@ -114,24 +104,27 @@ def test_up_shows_what_runs_and_ends_all_of_it_by_ctrl_c_or_when_a_process_dies(
             and services.get("controller", {}).get("refused")
         ):
             assert time.monotonic() < end, services
-            hand.put_bytes("cmd_vel", b'{"angluar":{}}')
-            services = msgspec.json.decode(here(*up.tools, "status", "--json").stdout)["services"]
+            for _ in range(10):  # of which the follower's commands may take the place
+                hand.put_bytes("cmd_vel", b'{"angluar":{}}')
+            services = msgspec.json.decode(here(*tools(bus), "status", "--json").stdout)["services"]
     with urllib.request.urlopen(url, timeout=10.0) as page:  # noqa: S310
         assert page.status == 200
-    shown = here(*up.tools, "status").stdout  # once, since it is no terminal
+    shown = here(*tools(bus), "status").stdout  # once, since it is no terminal
     assert all(f"│ {name}" in shown for name in services)
     line = "unknown field `angluar`"
     assert line in up.text or up.read_until(line)
     assert list(services)[:4] == ["physics", "controller", "target", "follower"]
-    live = here(*up.tools, "topics", "--live").stdout
+    live = here(*tools(bus), "topics", "--live").stdout
     assert "nav_msgs/Odometry" in live
     assert "depth picture [mm]" in live
     # a second run shares the router in a namespace of its own, until Ctrl-C ends it
-    shared = options((up.router[0], "bus.namespace=second"))
-    second = Command("up", "side", "--no-viewer", *shared)
-    second.read_until("following")
+    shared = options((router[0], "bus.namespace=second"))
+    second = Command("up", "side", "--no-viewer", "--restart", *shared)
+    second.read_until("robot (")
     assert "│ router" not in second.text
-    shown = f"mecazen --connect {up.tools[1]} --namespace second echo odom"
+    os.kill(pids_of(second)["follower"], signal.SIGKILL)
+    assert "again at once" in second.read_until("follower: was killed by SIGKILL")
+    shown = f"mecazen --connect {bus.connect[0]} --namespace second echo odom"
     assert shown in second.text
     odom = msgspec.json.decode(here(*shown.split()[1:], "--count", 1).stdout)
     assert odom["header"]["frame_id"] == "odom"

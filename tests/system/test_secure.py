@@ -13,15 +13,15 @@ from typing import Any
 
 import pytest
 import zenoh
-from harness import ROOT, SCENARIOS, assert_one_line, endpoint_of, here, tools
+from harness import ROOT, SCENARIOS, assert_one_line, here, tools
 from mecazen import keys
+from mecazen.bus.ports import free_port
 from mecazen.bus.session import open_session, session_config
 from mecazen.config import BusConfig
 from mecazen.graph import GRAPH, services
 from mecazen.messages import Empty, OdometryRequest
 from mecazen.schema import Folder
 from mecazen_tools import certificates
-from mecazen_tools.processes import private_router
 
 SECURE = ROOT / "configs" / "zenoh" / "secure.json5"
 
@@ -98,11 +98,15 @@ def folder(tmp_path_factory):
     return Folder(made)
 
 
+def free_endpoint() -> str:
+    return f"tls/127.0.0.1:{free_port()}"
+
+
 class Net:
     """A router, and peers that show certificates."""
 
     def __init__(self, stack: ExitStack, folder: Path, namespace: str | None) -> None:
-        self.endpoint = endpoint_of(private_router("tls"))
+        self.endpoint = free_endpoint()
         self.namespace = namespace
         self._stack, self._keys = stack, folder
         self.open("router", "router")
@@ -128,7 +132,7 @@ class Host:
     """A peer that hears everything, and answers what it may answer."""
 
     def __init__(self, net: Net, name: str, *answers: str) -> None:
-        self.endpoint = endpoint_of(private_router("tls"))
+        self.endpoint = free_endpoint()
         self.session = net.open(name, "peer", listen=(self.endpoint,))
         self.heard: list[str] = []
         self.asked: list[str] = []
@@ -291,7 +295,7 @@ def test_expired_certificates_are_one_line(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("name", "is_believed"), [("router", True), ("viewer", False)])
 def test_a_tool_believes_only_who_shows_the_routers_certificate(folder, name, is_believed):
-    config = BusConfig(connect=(endpoint_of(private_router("tls")),), keys=folder)
+    config = BusConfig(connect=(free_endpoint(),), keys=folder)
     with open_session(config, "router", name) as router:
         router.declare_queryable("sim/state", lambda query: query.reply(query.key_expr, b"{}"))
         alive = router.liveliness().declare_token("mecazen/physics")

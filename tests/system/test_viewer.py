@@ -5,19 +5,16 @@ import os
 import shutil
 import signal
 from collections.abc import Callable
+from contextlib import closing
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
-from harness import ROOT, SCENARIOS, Newest, here
+from harness import ROOT, SCENARIOS, Newest
 from mecazen import keys
 from mecazen.messages import SpeedRequest
-from mecazen_recorder.reader import Recording
-from mecazen_viewer.layout import path_of_robot
-from mecazen_viewer.panels import ROBOT_PLOTS
-from mecazen_viewer.service import draw
 from PIL import Image
-from viewer_stage import paths_of
+from stack import Stack
 
 FREE_PORTS = ("viewer.web_port=0", "viewer.data_port=0")
 FRAMES = 200
@@ -31,13 +28,13 @@ RED_OVER_OTHERS = 60
 class Shown:
     """A running scenario with a viewer beside it."""
 
-    def __init__(self, stack, scenario: str, *settings: str) -> None:
-        self.running = stack(SCENARIOS / f"{scenario}.toml", *FREE_PORTS, *settings)
-        self._clock = Newest(self.running.bus, keys.CLOCK)
-        self.running.start()
-        self.running.launch("viewer", needed=False)
+    def __init__(self, running: Stack) -> None:
+        self.running = running
+        self._clock = Newest(running.bus, keys.CLOCK)
+        running.start()
+        running.launch("viewer", needed=False)
         self.url = ""
-        self.running.wait_unwatched(self._has_url)
+        running.wait_unwatched(self._has_url)
 
     @property
     def time_s(self) -> float:
@@ -51,18 +48,25 @@ class Shown:
             self.url = line.text
         return bool(self.url)
 
-    @property
-    def uri(self) -> str:
-        """The address for a native viewer."""
-        return parse_qs(urlsplit(self.url).query)["url"][0]
-
-    def until(self, time_s: float) -> None:
+    def pass_time(self, seconds: float) -> None:
         """Let simulated time pass."""
-        self.running.wait(lambda: self.time_s > time_s)
+        end_s = self.time_s + seconds
+        self.running.wait(lambda: self.time_s > end_s)
 
-    def slow_down(self) -> None:
-        """Let the run go on so slowly that there is time to draw it in software."""
-        self.running.call(keys.SIM_SPEED, SpeedRequest(speed=0.02))
+    def set_speed(self, speed: float) -> None:
+        """Let the run go on slowly, so that there is time to draw it in software, or fast."""
+        self.running.call(keys.SIM_SPEED, SpeedRequest(speed=speed))
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """A run after some seconds, now slow; the last test ends its viewer."""
+    with closing(Stack(SCENARIOS / "side.toml", ("sim.speed=3", *FREE_PORTS))) as running:
+        shown = Shown(running)
+        # enough to reach beyond the legends of small plots
+        shown.pass_time(6.0)
+        shown.set_speed(0.02)
+        yield shown
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -86,18 +90,13 @@ def yellow(image: np.ndarray) -> np.ndarray:
     return image[..., 1] - image[..., 2] > 60
 
 
+def blue(image: np.ndarray) -> np.ndarray:
+    return image[..., 2] - image[..., 0] > 60
+
+
 def shows_the_scene(image: np.ndarray) -> bool:
     """Return whether the person's red arrow is visible on mostly free ground."""
     return share(image, red) > 0.001 and 0.5 < share(image, ground) < 0.99
-
-
-def shows_two_persons(image: np.ndarray) -> bool:
-    """Whether the view from above, at the lower left, shows two persons on their ways along x."""
-    height, width, _ = image.shape
-    above = image[int(0.65 * height) : int(0.96 * height), : int(0.3 * width)]
-    rows = np.flatnonzero(red(above).any(axis=1))
-    # they are 1.5 m apart, and y is up: 0.5 m are a tenth of what is seen from 5 m
-    return len(rows) > 1 and np.diff(rows).max() > 0.1 * len(above)
 
 
 def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]) -> np.ndarray:
@@ -111,14 +110,9 @@ def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]
     raise AssertionError("never shown; the last picture is out/not_shown.png")
 
 
-def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, attach):
-    shown = Shown(stack, "side", "sim.speed=3")
-    # counted from when the viewer is there, and enough to reach beyond the legends of small plots
-    shown.until(shown.time_s + 6.0)
-    shown.slow_down()
-    attach.open(shown.uri)
-    whole = until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
-    assert whole.shape == (720, 1280, 3)
+def test_a_native_viewer_shows_the_scene_and_plots_of_a_live_run(shown, attach):
+    attach.open(parse_qs(urlsplit(shown.url).query)["url"][0])
+    until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
     state = attach.get_state()
     assert all(view.visible and not view.reports for view in state.views)
     views = {view.name: view.view_id for view in state.views}
@@ -131,23 +125,17 @@ def test_a_native_viewer_shows_robot_person_and_every_plot_of_a_live_run(stack, 
     height, width, _ = follow.shape
     around = follow[height // 2 :, width // 5 : 4 * width // 5]
     assert share(around, yellow) > 0.01
-    assert shows_the_scene(until_shown(take("from above"), shows_the_scene))
-    for plot in (name for name in views if "error" in name or "speed" in name or "NEES" in name):
-        # lines take up some of it: blue is in every plot
-        blue = until_shown(
-            take(plot), lambda image: share(image, lambda i: i[..., 2] - i[..., 0] > 60) > 0.001
-        )
-        assert share(blue, ground) < 0.5
+    plot = next(name for name in views if "error" in name)
+    lines = until_shown(take(plot), lambda image: share(image, blue) > 0.001)
+    assert share(lines, ground) < 0.5  # they take up some of it
 
 
-def test_browser_shows_a_live_run_at_the_printed_address(stack):
+def test_a_browser_shows_a_live_run_at_the_printed_address(shown):
     chromium = shutil.which("chromium")
     if chromium is None:
         pytest.skip("chromium is not installed (Debian's package chromium)")
     from playwright.sync_api import sync_playwright
 
-    shown = Shown(stack, "side")
-    shown.slow_down()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=chromium, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
@@ -164,24 +152,11 @@ def test_browser_shows_a_live_run_at_the_printed_address(stack):
     assert shows_the_scene(whole[height // 8 : height // 2, : width // 2])
 
 
-def test_a_viewer_that_hangs_or_is_killed_delays_no_service(stack):
-    shown = Shown(stack, "side", "sim.speed=2")
+def test_a_viewer_that_hangs_or_is_killed_delays_no_service(shown):
+    shown.set_speed(2.0)
     viewer = shown.running.supervisor.pids["viewer"]
     os.kill(viewer, signal.SIGSTOP)
-    shown.until(shown.time_s + 4.0)
+    shown.pass_time(4.0)
     os.kill(viewer, signal.SIGKILL)
-    # `until` raises where a process ends that is needed
-    shown.until(shown.time_s + 2.0)
-
-
-def test_a_recorded_run_of_several_robots_is_shown_whole(tmp_path, attach):
-    file = tmp_path / "run.mcap"
-    assert here("simulate", "convoy", "--duration", 4, "--record", file).returncode == 0
-    (drawn,) = draw(Recording(file), tmp_path)
-    attach.open(str(drawn))
-    until_shown(attach.take_screenshot, shows_two_persons)
-    (recording,) = attach.get_state().recordings
-    paths = paths_of(attach, recording)
-    for robot in ("one", "two"):
-        expected = {"world/robot/front_left_roller_00", *ROBOT_PLOTS}
-        assert {f"/{path_of_robot(path, robot)}" for path in expected} <= paths
+    # waiting raises where a process ends that is needed
+    shown.pass_time(2.0)
