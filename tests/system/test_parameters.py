@@ -20,7 +20,7 @@ from mecazen_tools.simulation import Simulation
 from typer.testing import CliRunner
 
 THINGS = {
-    "world.added.crate": '{kind = "box", size_m = [0.4, 0.4, 0.8], position_m = [-0.6, 0.0]}',
+    "world.added.crate": '{kind = "box", size_m = [0.4, 0.4, 0.8], position_m = [-0.6, 0.8]}',
     "world.added.anna": '{kind = "person", path = {kind = "straight", x_m = 1.0, y_m = -1.0}}',
 }
 SHORT = "sim.duration_s=1.0"
@@ -83,7 +83,8 @@ def test_what_is_set_over_zenoh_in_lockstep_counts_in_all_processes_from_the_tic
 def test_a_recording_holds_the_changes_and_nodes_are_computed_anew_with_them(tmp_path):
     file = tmp_path / "run.mcap"
     with_crowd = [*scenario("senses").services, "crowd"]
-    loaded = scenario("senses", "sim.duration_s=2.0", f"services={json.dumps(with_crowd)}")
+    close = "follower.standoff_m=0.6"  # the guard holds the robot back behind the person
+    loaded = scenario("senses", "sim.duration_s=2.0", close, f"services={json.dumps(with_crowd)}")
     with Simulation(loaded, record=file) as sim:
         sim.run(0.4)
         set_all(sim.bus, THINGS)
@@ -106,6 +107,11 @@ def test_a_recording_holds_the_changes_and_nodes_are_computed_anew_with_them(tmp
     assert after == (f"t = 0 s: {farther}",)
     for service in ("sensors", "crowd", "follower"):
         assert recompute(recording, service).difference is None
+    guard = recompute(recording, "guard")
+    assert guard.difference is None
+    assert guard.counts == {keys.GUARD_STATE.key: 400, keys.GUARD_CMD_VEL.key: 400}
+    states = [s.message(m.GuardState).state for s in recording.samples() if s.key == "guard/state"]
+    assert {"clear", "slow"} <= {*states}
 
 
 def test_the_command_line_shows_and_changes_parameters_and_things(stack):

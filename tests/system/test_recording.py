@@ -1,7 +1,6 @@
 """Whole runs, recorded in one process and as processes, recomputed, and read by other programs."""
 
 import json
-import math
 import tomllib
 from collections import Counter, defaultdict
 from xml.etree import ElementTree as ET
@@ -15,7 +14,7 @@ from mecazen import Simulation, keys
 from mecazen.arrays import chain, turn
 from mecazen.config import SensorConfig
 from mecazen.graph import rows
-from mecazen.messages import GuardState, JointState, Odometry
+from mecazen.messages import Odometry
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.recorded import trajectory_of
@@ -46,7 +45,7 @@ def counts(recording: Recording) -> Counter[str]:
     return Counter(sample.key for sample in recording.samples())
 
 
-def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(tmp_path):
+def test_a_recorded_run_is_whole_and_computed_anew(tmp_path):
     path = tmp_path / "run.mcap"
     simulate("side", 4, "--record", path)
     recording = Recording(path)
@@ -60,15 +59,38 @@ def test_a_run_as_fast_as_it_goes_is_recorded_whole_and_computed_anew(tmp_path):
         assert set(compared.counts.values()) <= {400, 100}
     (text,) = recording.scenarios.values()
     assert tomllib.loads(text)["follower"]["view"] == "side_left"
+    same = here("replay", path, "--through", "follower")
+    assert (same.returncode, same.stderr) == (0, "")
+    assert "identical: 400 of cmd_vel, 400 of follower/state" in same.stdout
+    changed = here("replay", path, "--through", "examples/new/my_follower.py:MyFollower")
+    assert_one_line(changed, 1, "cmd_vel", "recorded")
+    assert_one_line(here("replay", path, "--through", "physics"), 2)
 
 
-def test_processes_of_several_robots_in_a_crowd_are_recorded_whole_and_computed_anew(tmp_path):
-    path = tmp_path / "run.mcap"
-    walkers = 'crowd.walkers=[{ path = { kind = "goal", x_m = 2.0, goal_m = [-2.0, 0.5] } }]'
-    settings = "--set=sensor.kind=fused", f"--set={walkers}"
-    sha256 = simulate("convoy", 2, "--record", path, "--distributed", *settings)
+CLOSE = (
+    "target.path.speed_m_s=0.4",
+    # the second robot starts beside the first, and its person walks across the other's way
+    "robots.two.target.path={kind='straight', y_m=-0.6, yaw_deg=60.0, start_after_s=0.2}",
+    "robots.two.start={x_m=-1.0, y_m=-0.6}",
+    "sensor.kind=fused",
+    'crowd.walkers=[{ path = { kind = "goal", x_m = 2.0, goal_m = [-2.0, 0.5] } }]',
+)
+"""Robots come near each other, among a crowd."""
+
+
+@pytest.fixture(scope="module")
+def convoy(tmp_path_factory):
+    """Record robots near each other as processes; return the file and the trajectory's hash."""
+    path = tmp_path_factory.mktemp("convoy") / "run.mcap"
+    return path, simulate("convoy", 2, "--record", path, "--distributed", *options(CLOSE))
+
+
+def test_processes_of_robots_in_a_crowd_are_recorded_whole_and_computed_anew(convoy):
+    path, sha256 = convoy
+    assert simulate("convoy", 2, *options(CLOSE)) == sha256
     recording = Recording(path)
-    assert trajectory_of(recording).sha256() == sha256
+    recorded = trajectory_of(recording)
+    assert recorded.sha256() == sha256
     found = counts(recording)
     assert found["people"] == 100
     for node, robot in (("crowd", ""), ("lidar", "two"), ("tracker", "one")):
@@ -84,35 +106,6 @@ def test_processes_of_several_robots_in_a_crowd_are_recorded_whole_and_computed_
     same = here(*anew, "--robot", "two")
     assert "identical: 200 of two/cmd_vel, 200 of two/follower/state" in same.stdout
     assert_one_line(here(*anew), 2, "--robot takes one or two")
-
-
-def test_a_service_that_was_changed_is_told_from_the_one_that_was_recorded(tmp_path):
-    path = tmp_path / "run.mcap"
-    simulate("back", 2, "--record", path)
-    same = here("replay", path, "--through", "follower")
-    assert (same.returncode, same.stderr) == (0, "")
-    assert "identical: 200 of cmd_vel, 200 of follower/state" in same.stdout
-    changed = here("replay", path, "--through", "examples/new/my_follower.py:MyFollower")
-    assert_one_line(changed, 1, "cmd_vel", "recorded")
-    assert_one_line(here("replay", path, "--through", "physics"), 2)
-
-
-def test_what_the_guard_lets_through_is_recorded_and_computed_anew(tmp_path):
-    file = tmp_path / "run.mcap"
-    close = {"follower.standoff_m": 0.6}  # it holds the robot back behind the person
-    with Simulation("senses", close, duration_s=2.0, record=file) as sim:
-        sim.run()
-    recording = Recording(file)
-    samples = (s for s in recording.samples() if s.key == keys.GUARD_STATE.key)
-    states = [sample.message(GuardState).state for sample in samples]
-    assert len(states) == 200
-    assert "slow" in states
-    compared = recompute(recording, "guard")
-    assert compared.difference is None
-    assert compared.counts == {keys.GUARD_STATE.key: 200, keys.GUARD_CMD_VEL.key: 200}
-    recorded = trajectory_of(recording)
-    assert recorded.csv() == sim.trajectory.csv()
-    assert (recorded.scores(), recorded.contacts()) == (sim.scores(), sim.contacts())
 
 
 def test_a_recording_is_scored_whichever_program_drove(tmp_path):
@@ -140,10 +133,8 @@ def frames_of(path):
     return decoded
 
 
-def test_the_frames_place_each_robot_as_it_moved(tmp_path):
-    path, prefixes = tmp_path / "run.mcap", ("one/", "two/")
-    with Simulation("convoy", duration_s=0.5, record=path) as sim:
-        sim.run()
+def test_the_frames_place_each_robot_as_it_moved(convoy):
+    (path, _), prefixes = convoy, ("one/", "two/")
     decoded = frames_of(path)
     samples = list(Recording(path).samples())
     assert {topic for topic in decoded if "robot" in topic} == {
@@ -173,14 +164,3 @@ def test_the_frames_place_each_robot_as_it_moved(tmp_path):
         truth = last[f"{prefix}ground_truth/odom"].message(Odometry).pose.pose
         assert place == pytest.approx([truth.position.x, truth.position.y, truth.position.z])
         assert rotation == pytest.approx([getattr(truth.orientation, axis) for axis in "xyzw"])
-
-        wheel = frames[f"{prefix}front_left_wheel"]
-        angle = 2.0 * math.atan2(wheel.transform.rotation.y, wheel.transform.rotation.w)
-        stamp = wheel.header.stamp.sec * 10**9 + wheel.header.stamp.nanosec
-        (states,) = (
-            s.message(JointState)
-            for s in samples
-            if s.key == f"{prefix}joint_states" and s.time_ns == stamp
-        )
-        position = states.position[states.name.index("front_left_wheel_joint")]
-        assert math.remainder(angle - position, math.tau) == pytest.approx(0.0, abs=1e-9)
