@@ -72,8 +72,7 @@ class Terminal:
         self.wait(came)
 
     def wait_for_end(self):
-        self.wait(lambda: self.process.poll() is not None)
-        assert self.process.returncode == 0
+        self.wait(lambda: self.process.poll() == 0)
 
     def close(self):
         self.process.kill()
