@@ -14,7 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -134,18 +134,10 @@ class Echo:
             return self.messages[-1]
 
     def close(self) -> None:
-        end(self.process)
+        self.process.kill()
         self._thread.join()
         self.process.stdout.close()
-
-
-def end(process: subprocess.Popen[str]) -> None:
-    process.terminate()
-    try:
-        process.wait(10.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+        self.process.wait()
 
 
 class Hosts:
@@ -166,24 +158,28 @@ class Hosts:
             (far, ("target", "follower")),
         ):
             for name in names:
-                process = host.run(
-                    "mecazen.runtime", name, str(BACK),
-                    *options(settings),
-                    stderr=subprocess.PIPE,
-                )  # fmt: skip
-                stack.callback(self._end, process)
+                service = "mecazen.runtime", name, str(BACK), *options(settings)
+                process = host.run(*service, stderr=subprocess.PIPE)
+                stack.callback(end, process)
                 if name == "router":
                     assert "msg=started" in process.stderr.readline()
-        self.truth = Echo(near, "ground_truth/odom", tools)
-        stack.callback(self.truth.close)
-        self.commands = Echo(near, "cmd_vel", tools)
-        stack.callback(self.commands.close)
-        self.state = Echo(far, "follower/state", tools)
-        stack.callback(self.state.close)
+        self.truth, self.commands, self.state = (
+            stack.enter_context(closing(Echo(host, key, tools)))
+            for host, key in (
+                (near, "ground_truth/odom"),
+                (near, "cmd_vel"),
+                (far, "follower/state"),
+            )
+        )
 
-    def _end(self, process: subprocess.Popen[str]) -> None:
-        end(process)
-        process.stderr.close()
+
+def end(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    try:
+        process.communicate(timeout=10.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
 
 
 @pytest.fixture
