@@ -6,9 +6,8 @@ import re
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 import zenoh
@@ -18,10 +17,9 @@ from mecazen import keys
 from mecazen.bus.base import decode_sample
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.messages import Message
+from mecazen.graph import SERVICES
+from mecazen.messages import DiagnosticArray, Message
 from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, RefusedError, decode, encode
-from mecazen_recorder.reader import Recording
-from mecazen_tools.simulation import Simulation
 
 SEED = 20
 TOKEN = re.compile(rb'"[^"]*"|[-+.\w]+')
@@ -49,40 +47,25 @@ OF_A_SESSION = 20_000
 """Payloads that a session sends. Only the first declares liveliness tokens: Zenoh 1.10.2 keeps each
 name at both ends of every link over which it has ever gone, and queries take longer with each."""
 
-Good = Mapping[str, Sequence[Message]]
-"""Messages that each key carries."""
+KINDS = {
+    **{topic.key: topic.type for topic in keys.TOPICS if "*" not in topic.key},
+    **{keys.diagnostics(name).key: DiagnosticArray for name in SERVICES},
+    **{key: call.request for key, call in CALLS.items()},
+}
+"""Types of messages by key."""
 
 
-def sample_messages(folder: Path) -> Good:
-    """Record a run; return messages of each key, and a default one."""
-    file = folder / "good.mcap"
-    with Simulation("back", duration_s=1.0, record=file) as sim:
-        sim.run()
-        services = sim.scenario.services
-    topics = [topic for topic in keys.TOPICS if "*" not in topic.key]
-    topics += [keys.diagnostics(part) for part in services]
-    good: dict[str, list[Message]] = {topic.key: [topic.type()] for topic in topics}
-    for sample in Recording(file).samples():
-        if sample.kind is not None and len(good.get(sample.key, range(20))) < 20:
-            good[sample.key].append(sample.message(sample.kind))
-    return good | {key: [call.request()] for key, call in CALLS.items()}
-
-
-def malformed(good: Good) -> Iterator[Put]:
-    """Damage good messages for ever; those that happen to stay valid are skipped."""
+def malformed() -> Iterator[Put]:
+    """Damage messages for ever; those that happen to stay valid are skipped."""
     chance = random.Random(SEED)
-    payloads = {
-        key: [encode(message) for message in messages] for key, messages in sorted(good.items())
-    }
     while True:
-        key = chance.choice(list(payloads))
+        key, kind = chance.choice([*KINDS.items()])
         # a stamp is 16 or 20 bytes
         sizes = (16, 20, chance.randrange(40)) if chance.randrange(10) == 0 else ()
         attachment = chance.randbytes(chance.choice(sizes)) if sizes else None
-        damaged = _damaged(chance, chance.choice(payloads[key]))
-        made = Put(key, damaged, chance.choice(LABELS), attachment)
-        if _is_refused(made, type(good[key][0])):
-            yield made
+        put = Put(key, _damaged(chance, encode(kind())), chance.choice(LABELS), attachment)
+        if _is_refused(put, kind):
+            yield put
 
 
 def _damaged(chance: random.Random, good: bytes) -> bytes:
@@ -92,18 +75,18 @@ def _damaged(chance: random.Random, good: bytes) -> bytes:
     if token := TOKEN.search(good, begin):
         spans.append(token.span())
     begin, end = chance.choice(spans)
-    some = chance.randbytes(1 + chance.randrange(9))
-    odd = chance.choice((b"", some, chance.choice(ODD), good[begin:end]))
+    noise = chance.randbytes(1 + chance.randrange(9))
+    odd = chance.choice((b"", noise, chance.choice(ODD), good[begin:end]))
     return good[:begin] + odd + good[end:]
 
 
-def _is_refused(made: Put, kind: type[Message]) -> bool:
-    topic = keys.topic_of(made.key)
+def _is_refused(put: Put, kind: type[Message]) -> bool:
+    topic = keys.topic_of(put.key)
     with suppress(RefusedError):
         if topic is not None:
-            decode_sample(topic, *made[1:])
-        elif made.payload.strip():  # a query may be empty
-            decode(made.payload, kind)
+            decode_sample(topic, *put[1:])
+        elif put.payload.strip():  # a query may be empty
+            decode(put.payload, kind)
         return False
     return True
 
@@ -113,15 +96,14 @@ class Intruder:
 
     Args:
         open_session: Opens the session of a client.
-        good: Real messages by key.
     """
 
-    def __init__(self, open_session: Callable[[], Any], good: Good) -> None:
+    def __init__(self, open_session: Callable[[], Any]) -> None:
         self._open_session = open_session
         self._session = open_session()
         self._random = random.Random(SEED)
-        self._malformed = malformed(good)
-        self._puts = [(key, encode(m)) for key, of in good.items() if key not in CALLS for m in of]
+        self._malformed = malformed()
+        self._puts = [(key, encode(kind())) for key, kind in KINDS.items() if key not in CALLS]
         self._tokens: list[Any] = []
         self._asked: deque[tuple[Any, bool]] = deque()
         self.sent = self.accepted = 0

@@ -20,7 +20,7 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
-from system.intruders import Intruder, flooding, sample_messages
+from system.intruders import Intruder, flooding
 
 BACK = SCENARIOS / "back.toml"
 CIRCLE = SCENARIOS / "circle.toml"
@@ -149,7 +149,7 @@ def test_under_a_flood_ticks_are_answered_and_memory_does_not_grow(
 
 @pytest.mark.parametrize("secured", [False, True], ids=["open", "secured"])
 def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
-    stack, access_control, tmp_path, scale, secured
+    stack, access_control, scale, secured
 ):
     if scale == 1 and secured:
         pytest.skip("with --scale 2 or more")
@@ -160,8 +160,7 @@ def test_an_intruder_crashes_nothing_and_changes_no_trajectory(
     running.start()
     running.watch(trajectory)
     payloads, early = PAYLOADS * scale if scale > 1 else PAYLOADS // 4, None
-    join = partial(open_session, config, "client", "viewer")
-    intruder = Intruder(join, sample_messages(tmp_path))
+    intruder = Intruder(partial(open_session, config, "client", "viewer"))
     while intruder.sent < payloads or not trajectory.complete:
         # half of them at least while it runs
         if intruder.sent < payloads and trajectory.done * payloads >= (
