@@ -43,8 +43,8 @@ def test_scenario_and_settings_may_come_from_the_environment():
     assert printed["follower"]["view"] == "side_left"
     assert (printed["sim"]["speed"], printed["follower"]["standoff_m"]) == (2, 1.5)
     assert printed["services"] == ["physics", "controller"]
-    given = tomllib.loads(here("config", "back", "--set", "sim.speed=3", **variables).stdout)
-    assert (given["sim"]["speed"], given["follower"]["view"]) == (3, "back")
+    printed = tomllib.loads(here("config", "back", "--set", "sim.speed=3", **variables).stdout)
+    assert (printed["sim"]["speed"], printed["follower"]["view"]) == (3, "back")
     wrong = {**variables, "MECAZEN_SET": "sim.speed=0"}
     assert_one_line(here("config", **wrong), 2, "sim.speed", "0.01")
 

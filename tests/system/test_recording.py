@@ -49,9 +49,9 @@ def test_a_recorded_run_is_whole_and_computed_anew(tmp_path):
     path = tmp_path / "run.mcap"
     simulate("side", 4, "--record", path)
     recording = Recording(path)
-    found = counts(recording)
-    assert {key: found[key] for key in EVERY_TICK} == dict.fromkeys(EVERY_TICK, 400)
-    assert found["target/observation"] == 100
+    numbers = counts(recording)
+    assert {key: numbers[key] for key in EVERY_TICK} == dict.fromkeys(EVERY_TICK, 400)
+    assert numbers["target/observation"] == 100
     assert not recording.is_cut_off
     for node in NODES:
         compared = recompute(recording, node)
@@ -91,14 +91,14 @@ def test_processes_of_robots_in_a_crowd_are_recorded_whole_and_computed_anew(con
     recording = Recording(path)
     recorded = trajectory_of(recording)
     assert recorded.sha256() == sha256
-    found = counts(recording)
-    assert found["people"] == 100
+    numbers = counts(recording)
+    assert numbers["people"] == 100
     for node, robot in (("crowd", ""), ("lidar", "two"), ("tracker", "one")):
         compared = recompute(recording, node, robot)
         assert compared.difference is None
         assert set(compared.counts.values()) <= {100, 50, 20}
     for robot in ("one", "two"):
-        assert {found[f"{robot}/{key}"] for key in EVERY_TICK} == {200}
+        assert {numbers[f"{robot}/{key}"] for key in EVERY_TICK} == {200}
         for node in NODES:
             assert recompute(recording, node, robot).difference is None
     assert recording.descriptions().keys() == {"one", "two"}

@@ -191,8 +191,8 @@ def test_each_certificate_may_put_delete_and_ask_what_is_its_own(physics, intrud
         for key in PUTS:
             session.put(key, b"{}")
         settle(session)
-        own = {f"diagnostics/{name}"} - {"diagnostics/operator"}
-        expected = own | set(allowed.split()) | MAY_PUT_ROS.get(name, set())
+        health = {f"diagnostics/{name}"} - {"diagnostics/operator"}
+        expected = health | set(allowed.split()) | MAY_PUT_ROS.get(name, set())
         assert sorted(physics.heard) == sorted(expected), name
         physics.heard.clear()
         for expression in ("**", "*", "diagnostics/*"):  # which hold more than is its own
@@ -229,8 +229,8 @@ def test_nobody_answers_or_is_alive_in_anothers_name(net, physics, intruder):
                 session.liveliness().declare_token(f"mecazen/{one}{end}")
         session.declare_queryable("set_odometry", lambda query: query.reply("set_odometry", b""))
         settle(session)
-        own = set() if name == "operator" else {f"mecazen/{name}", f"mecazen/{name}/ready"}
-        assert set(physics.alive) == own, name
+        tokens = set() if name == "operator" else {f"mecazen/{name}", f"mecazen/{name}/ready"}
+        assert set(physics.alive) == tokens, name
         session.close()
         physics.alive.clear()
 

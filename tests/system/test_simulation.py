@@ -122,8 +122,8 @@ def test_a_path_through_an_obstacle_is_refused(settings, reason):
     if not reason:
         Simulation("back", settings).close()
         return
-    said = error_of(ConfigError, lambda: Simulation("back", settings))
-    assert said.startswith(reason)
+    error = error_of(ConfigError, lambda: Simulation("back", settings))
+    assert error.startswith(reason)
 
 
 @pytest.mark.parametrize(

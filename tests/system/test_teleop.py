@@ -66,8 +66,8 @@ class Terminal:
         """Wait until these have come in this order, among others, and the last one last."""
 
         def came():
-            rest = iter(self.commands)
-            return all(each in rest for each in commands) and self.commands[-1] == commands[-1]
+            later = iter(self.commands)
+            return all(each in later for each in commands) and self.commands[-1] == commands[-1]
 
         self.wait(came)
 
