@@ -116,18 +116,13 @@ WRONG = [
     ({'"-0.16 -0.15': '"-0.26 -0.15'}, (), "no level rectangle: "),
     ({"</robot>": ""}, (), "not XML"),
     ({'effort="3"': 'effort="three"'}, (), "could not convert string to float: 'three'"),
-    ({"<robot ": "<thing ", "</robot>": "</thing>"}, (), "<thing>: allowed: <robot> (URDF)"),
     ({"</robot>": "<xacro:if/></robot>", "<robot": "<robot xmlns:xacro='x'"}, (), ".xacro"),
     ({'link="base_footprint"': 'link="nothing"'}, (), "parent"),
     ({}, ("--controller", CONTROLLERS), "has no joint fl_wheel_joint, "),
     ({}, ("--controller", FIXED), "no settings of a mecanum controller"),
-    ({}, ("--set", "rollers.count=3"), "rollers.count"),
     ({}, ("--set", "rollers.number=3"), "rollers.number"),
-    ({}, ("--set", "rollers=3"), "rollers is not a table"),
     ({}, ("--set", "rollers.count=many"), "rollers.count: got 'many'; must be a number"),
-    ({}, ("--set", "rollers.count=0"), "rollers.count"),
     ({}, ("--set", "wheels.radius_m=0"), "wheels.radius_m"),
-    ({}, ("--set", "wheels.radius_m=[]"), "wheels.radius_m: got []; must be a number"),
     ({}, ("--arg", "radius=3"), "name:=value"),
 ]
 
