@@ -144,8 +144,3 @@ def test_a_repeated_tick_counts_once():
         twice.step(Twist2D(x=-2.0), seen, 0.0, DT)
         twice.step(Twist2D(x=2.0), seen, 0.0, 0.0)
     assert once.step(Twist2D(x=2.0), seen, 0.0, DT) == twice.step(Twist2D(x=2.0), seen, 0.0, DT)
-
-
-def test_without_points_all_is_let_through():
-    twist = Twist2D(9.0, -9.0, 9.0)
-    assert guard_at().step(twist, Points(), 0.0, DT).twist == twist
