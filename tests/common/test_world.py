@@ -51,7 +51,7 @@ def test_a_table_has_a_top_and_legs_with_room_between_them():
     assert not covered(solids, 1.0, 2.0 + 0.59, 0.1)
 
 
-def test_a_ramp_is_a_ridge_between_rails_and_a_patch_a_rectangle():
+def test_ramps_and_patches_have_their_shapes():
     ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, landing_m=0.5, position_m=(3.0, 0.0))
     world = WorldConfig(ramps=(ramp,))
     assert world.ridges[0][1:] == (1.0, 0.5, 0.08, 0.8)
