@@ -8,9 +8,10 @@ from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from harness import COMMAND_GUARD_S, command
-from mecazen_tools.cli import app, talk
+from mecazen_tools.cli import app, sim, talk
 from typer.testing import CliRunner
 
 
@@ -29,6 +30,25 @@ def test_a_command_of_an_extra_names_the_extra(argument, error, capsys, monkeypa
         app.main()
     assert ended.value.code == 2
     assert capsys.readouterr().err.rstrip() == error
+
+
+def test_the_clock_receives_what_a_command_asks(monkeypatch):
+    requests = []
+
+    def call(call, request, *_):
+        requests.append((call.key, request))
+        return request
+
+    monkeypatch.setattr(sim, "tool_bus", lambda _: nullcontext(SimpleNamespace(call=call)))
+    for line in ("sim step 3", "sim reset", "sim reset --seed 7", "sim speed 2", "sim pause"):
+        assert CliRunner().invoke(app.app, line.split()).exit_code == 0
+    assert [(key, msgspec.to_builtins(request)) for key, request in requests] == [
+        ("sim/step", {"ticks": 3}),
+        ("sim/reset", {"seed": None}),
+        ("sim/reset", {"seed": 7}),
+        ("sim/speed", {"speed": 2.0}),
+        ("sim/pause", {}),
+    ]
 
 
 def test_samples_are_written_and_read_as_json(monkeypatch):

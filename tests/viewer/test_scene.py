@@ -122,6 +122,15 @@ def test_ellipse_contains_95_percent_in_each_frame(drawing, frame_id):
     assert axes @ axes.T == pytest.approx(5.991 * turned, abs=1e-3)
 
 
+def test_trail_has_a_minute_and_restarts_at_jumps(drawing):
+    for tick in range(1001):
+        drawing.put(keys.ODOM, odometry(Pose2D(tick / 100)), 100 * tick)
+    drawing.put(keys.ODOM, odometry(Pose2D(20.0)), 100_200)
+    *_, (trail,), (restarted,) = drawing.end().all(f"{layout.TRAILS}/odometry", STRIPS)
+    assert (trail[0][0], trail[-1][0]) == pytest.approx((4.0, 10.0))
+    assert [point[0] for point in restarted] == [20.0]
+
+
 def test_joints_are_drawn_as_limbs_and_bones(drawing):
     drawing.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
     drawing.put(keys.TARGET_SKELETON, m.Skeleton(joints=BODY))
@@ -154,6 +163,14 @@ def test_message_that_cannot_be_drawn_is_refused(drawing, topic, wrong):
     drawing.put(topic, wrong, 100)
     assert drawing.bus.refused == {topic.key: 1}
     assert len(drawing.end().all(layout.DEPTH, "DepthImage:buffer")) == 1
+
+
+def test_invalid_covariance_is_drawn_as_a_dot(drawing):
+    spread = [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    pose = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), ros_covariance(spread))
+    drawing.put(keys.OBSERVATION, m.Observation(m.Header(frame_id="world"), (pose,)))
+    (columns,) = drawing.end().last(layout.OBSERVATION_ELLIPSE, STRETCH)
+    assert np.abs(columns[:2]).max() < 0.01
 
 
 def test_camera_view_is_drawn_if_there_is_one(tmp_path):
