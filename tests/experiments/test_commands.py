@@ -123,23 +123,14 @@ def test_after_ctrl_c_the_same_command_goes_on_from_there(held, undisturbed):
     assert held.runs("out.csv") == undisturbed
 
 
-@pytest.fixture(params=["processes", "Dask"])
-def workers(request):
-    """The options for two workers: processes, or Dask's on loopback; one that dies is replaced."""
-    if request.param == "processes":
-        yield "--jobs", 2
-        return
+def test_a_worker_of_dask_that_is_killed_loses_nothing(held, undisturbed):
     # without an address of its own, the dashboard warns where another has the known port
     with LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
     ) as cluster:
-        yield "--cluster", cluster.scheduler_address
-
-
-def test_a_worker_that_is_killed_loses_nothing(held, workers, undisturbed):
-    process = start(held, *workers)
-    os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
-    finish(process)
+        process = start(held, "--cluster", cluster.scheduler_address)
+        os.kill(int((held.path / "pid").read_text()), signal.SIGKILL)
+        finish(process)
     assert held.runs("out.csv") == undisturbed
 
 
