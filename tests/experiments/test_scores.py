@@ -9,7 +9,7 @@ from harness import SCENARIOS
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.scores import SETTLING_S, nees, score
 from mecazen_tools.simulate import simulate
-from mecazen_tools.table import Poses, Table, wrap
+from mecazen_tools.table import Poses, wrap
 
 DISTANCES = [f"d_{measure}_m" for measure in ("err", "rms", "p95", "max")]
 ANGLES = [f"theta_{measure}_deg" for measure in ("err", "rms", "p95", "max")]
@@ -82,7 +82,7 @@ def test_a_command_that_goes_to_and_fro_varies_by_each_step(every):
 def test_a_real_run_has_every_measure_and_those_of_the_simulator():
     scenario = load_scenario(SCENARIOS / "back.toml", parse_settings(["sim.duration_s=8"]))
     _, trajectory = simulate(scenario, "back")
-    scores, expected = score(Table.of(trajectory), BACK), trajectory.scores()
+    scores, expected = score(trajectory.table(), BACK), trajectory.scores()
     # sums in another order: roundings of 1e-16 of 700 ticks
     assert scores["d_err_m"] == pytest.approx(expected.d_err_m, rel=1e-12)
     assert scores["theta_err_deg"] == pytest.approx(expected.theta_err_deg, rel=1e-12)

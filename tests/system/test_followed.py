@@ -13,7 +13,7 @@ from mecazen_tools.observe import collect, observe
 from mecazen_tools.recorded import trajectory_of
 from mecazen_tools.run_figure import courses, draw
 from mecazen_tools.simulation import Simulation
-from mecazen_tools.table import Table, deviations, first_motion
+from mecazen_tools.table import deviations, first_motion
 
 PLANE = {"programs.physics": "mecazen_tools.plane:Plane"}
 
@@ -26,7 +26,7 @@ def run_of(scenario, drive=lambda *_: {}):
     """Return the columns of a run, its contacts, and the guard's states."""
     with Simulation(scenario) as sim:
         (states,) = collect(sim, keys.GUARD_STATE, drive=drive).values()
-        return Table.of(sim.trajectory), sim.trajectory.contacts(), states
+        return sim.trajectory.table(), sim.trajectory.contacts(), states
 
 
 def distance_errors(faults):

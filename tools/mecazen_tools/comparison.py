@@ -128,7 +128,7 @@ def run_all(path: Path, settings: Mapping[str, Any], seeds: Sequence[int], done:
 def _run(path: Path, settings: Mapping[str, Any], *, keep: bool) -> FollowerRun:
     scenario = load_scenario(path, settings)
     _, trajectory = simulate(scenario, path.stem)
-    table, scores, contacts = Table.of(trajectory), trajectory.scores(), trajectory.contacts()
+    table, scores, contacts = trajectory.table(), trajectory.scores(), trajectory.contacts()
     values = (
         scores.d_err_m,
         scores.theta_err_deg,

@@ -47,7 +47,7 @@ def observe(scenario: Scenario, *topics: Topic[Any], drive: Drive = lambda *_: {
     with Simulation(scenario) as sim:
         samples = collect(sim, *topics, drive=drive)
         sim.trajectory.refuse_incomplete()
-        return Observed(Table.of(sim.trajectory), sim.trajectory.sha256(), samples)
+        return Observed(sim.trajectory.table(), sim.trajectory.sha256(), samples)
 
 
 def collect(sim: Simulation, *topics: Topic[Any], drive: Drive = lambda *_: {}) -> Samples:

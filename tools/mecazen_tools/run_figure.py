@@ -52,7 +52,7 @@ def courses(trajectory: Trajectory, run: str = "") -> list[Course]:
     return [
         Course(
             "/".join(filter(None, (run, robot))),
-            Table.of(trajectory, robot),
+            trajectory.table(robot),
             trajectory.scenario.of(robot).follower.standoff,
             join_key("person", robot),
             sentence(trajectory.lost(robot)),

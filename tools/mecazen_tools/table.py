@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Standoff
-from mecazen.robots import join_key
-
-from mecazen_tools.trajectory import COLUMNS, Trajectory
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -62,17 +57,6 @@ class Table:
     def __init__(self, columns: Mapping[str, npt.NDArray[Any]], tick_s: float) -> None:
         self._columns = columns
         self.tick_s = tick_s
-
-    @classmethod
-    def of(cls, trajectory: Trajectory, robot: str = "") -> Table:
-        """Return the rows of a robot of a trajectory as columns; there is at least one row."""
-        if robot not in trajectory.scenario.names:
-            raise ConfigError("robots: a table holds one robot, and there are several")
-        rows = trajectory.to_numpy()
-        names = {name: name if name == "t_s" else join_key(name, robot) for name in COLUMNS}
-        columns = {name: np.ascontiguousarray(rows[key]) for name, key in names.items()}
-        t = columns["t_s"]
-        return cls(columns, float(t[1] - t[0]) if len(t) > 1 else math.nan)
 
     def __getitem__(self, name: str) -> Floats:
         return self._columns[name]

@@ -6,9 +6,9 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from itertools import chain, dropwhile, pairwise, product
+from itertools import chain, pairwise, product
 from statistics import fmean
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,6 +24,8 @@ from mecazen.messages import FollowerState, Message, Odometry, Twist, planar_cov
 from mecazen.programs import graph_of
 from mecazen.robots import join_key
 from mecazen.wire import Stamp
+
+from mecazen_tools.table import Floats, Poses, Table, deviations, first_motion
 
 Row = tuple[float | str | None, ...]
 
@@ -218,66 +220,61 @@ class Trajectory:
         """Return the hash of the CSV; equal hashes mean that all numbers are equal."""
         return hashlib.sha256(self.csv()).hexdigest()
 
+    def table(self, robot: str = "") -> Table:
+        """Return the rows of a robot as columns, by default of the first of several."""
+        robot, rows = robot or self.scenario.names[0], self.to_numpy()
+        names = {name: name if name == "t_s" else join_key(name, robot) for name in COLUMNS}
+        columns = {name: np.ascontiguousarray(rows[key]) for name, key in names.items()}
+        t = columns["t_s"]
+        return Table(columns, float(t[1] - t[0]) if len(t) > 1 else math.nan)
+
     def scores(self, robot: str = "") -> Scores:
         """Return the published measures so far of a robot, by default the first of several."""
         robot = robot or self.scenario.names[0]
-        standoff = self.scenario.of(robot).follower.standoff
-        persons = self._poses(robot, keys.TARGET_ODOM)
-        robots = self._poses(robot, keys.GROUND_TRUTH)
-        pairs = [(robots[tick], person) for tick, person in persons.items() if tick in robots]
-        pairs = list(dropwhile(lambda pair: pair[1] == pairs[0][1], pairs))
-        lost = self.lost(robot)
-        if not pairs:
+        table = self.table(robot).having("target_x_m").having("robot_x_m")
+        lost, first = self.lost(robot), first_motion(table)
+        if first is None:
             return Scores(d_err_m=None, theta_err_deg=None, lost=lost)
-        errors = [standoff.errors(person, robot) for robot, person in pairs]
-        return Scores(
-            fmean(abs(error.distance) for error in errors),
-            math.degrees(fmean(abs(error.yaw) for error in errors)),
-            lost,
-        )
+        standoff = self.scenario.of(robot).follower.standoff
+        distance, _, yaw = abs(deviations(table.where(slice(first, None)), standoff)).tolist()
+        return Scores(fmean(distance), math.degrees(fmean(yaw)), lost)
 
     def contacts(self, robot: str = "") -> Contacts:
         """Return the contacts so far of a robot, by default the first of several."""
         robot = robot or self.scenario.names[0]
         part, world = self.scenario.of(robot), self.scenario.world
         length, width = (half + TOUCHING_M for half in part.robot.footprint)
-        poses = self._poses(robot, keys.GROUND_TRUTH)
-        path = np.array([pose[:2] for pose in poses.values()]).reshape(-1, 2)
+        table = self.table(robot)
+        known = ~np.isnan(table["robot_x_m"])
+        robots = table.where(known).poses("robot")
+        poses = [robots.at(row) for row in range(len(robots.x))]
 
-        def touches(pose: Pose2D, x: float, y: float, radius: float) -> bool:
-            centre = pose.between(Pose2D(x, y))
-            return bool(to_rectangle(centre.x, centre.y, (length, width)) <= radius)
+        def touches(x: Floats | float, y: Floats | float, radius: float) -> list[bool]:
+            centre = robots.between(Poses(np.asarray(x), np.asarray(y), np.zeros(())))
+            gaps_m = to_rectangle(centre.x, centre.y, (length, width)).tolist()
+            return [gap_m <= radius for gap_m in gaps_m]
 
-        def hits(pose: Pose2D, solid: Box | Cylinder) -> bool:
-            x, y = solid.position_m
+        def hits(solid: Box | Cylinder) -> list[bool]:
             if not isinstance(solid, Box):
-                return touches(pose, x, y, solid.size_m[0])
-            box = Pose2D(x, y, math.radians(solid.yaw_deg))
-            return overlap(pose, (length, width), box, (solid.size_m[0] / 2, solid.size_m[1] / 2))
+                return touches(*solid.position_m, solid.size_m[0])
+            box = Pose2D(*solid.position_m, math.radians(solid.yaw_deg))
+            half = solid.size_m[0] / 2, solid.size_m[1] / 2
+            return [overlap(pose, (length, width), box, half) for pose in poses]
 
         def is_near(solid: Box | Cylinder) -> bool:
             if isinstance(solid, Box) and solid.bottom_m >= part.robot.height:
                 return False
+            x, y = solid.position_m
             reach = math.hypot(length, width) + math.hypot(*solid.size_m[:2])
-            return bool((np.hypot(*(path - solid.position_m).T) < reach).any())
+            return bool((np.hypot(robots.x - x, robots.y - y) < reach).any())
 
-        persons = 0
-        for name in self.scenario.names:
-            followed = self._poses(name, keys.TARGET_ODOM)
-            persons += _begins(
-                tick in followed and touches(pose, *followed[tick][:2], world.person.radius_m)
-                for tick, pose in poses.items()
-            )
+        followed = [self.table(name).where(known) for name in self.scenario.names]
+        persons = sum(
+            _begins(touches(table["target_x_m"], table["target_y_m"], world.person.radius_m))
+            for table in followed
+        )
         near = filter(is_near, world.solids)  # a map has thousands
-        obstacles = sum(_begins(hits(pose, solid) for pose in poses.values()) for solid in near)
-        return Contacts(persons, obstacles)
-
-    def _poses(self, robot: str, topic: Topic[Odometry]) -> dict[int, Pose2D]:
-        """Return the poses of the finished rows by tick."""
-        column = self._columns.get((robot, topic), {})
-        return {
-            tick: Pose2D(*cast(Pose2D, column[tick][:3])) for tick in self.ticks if tick in column
-        }
+        return Contacts(persons, sum(_begins(hits(solid)) for solid in near))
 
 
 def lost_shares(states: Iterable[Row]) -> dict[str, float]:
