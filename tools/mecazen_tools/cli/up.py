@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -123,8 +123,9 @@ def up(
     except KeyboardInterrupt:
         pass
     finally:
-        if interrupted.is_set():
-            console.print("stopping …")
+        with suppress(OSError):  # all processes end, also if nobody reads any more
+            if interrupted.is_set():
+                console.print("stopping …")
         for name in supervisor.stop():
             console.print(f"{name} did not end in time and was killed")
     console.print("all processes have ended")
