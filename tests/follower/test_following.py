@@ -155,7 +155,7 @@ NOISE_M, NOISE_DEG = 0.05 * math.sqrt(math.pi / 2.0), 5.0 * math.sqrt(2.0 / math
 
 
 def test_the_robot_is_nearer_than_it_sees():
-    # the estimator of no scenario; test_hashes pins the scores of the others
+    # the estimator of no scenario; test_one_result pins the scores of the others
     config = FollowerConfig(view="side_right", estimator="ekf_ctrv", control=PidControl())
     distance, heading, _ = scores(config)
     assert distance < NOISE_M
