@@ -184,8 +184,9 @@ class Results:
         if _git(self.root, "status", "--porcelain", "--untracked-files=no", "--", ".", *changed):
             commit += "+"
         subprocess.run([sys.executable, "-m", "mecazen_tools", *words], check=True, cwd=self.root)
-        self._made.pop(stage, None)
+        self._made.clear()
         figures = {file: _drawn(self.root / file) for file in self.stages[stage].get("figures", ())}
+        self.origins = read_toml(self.folder / "origins.toml")  # others may run meanwhile
         self.origins[stage] = {
             "commit": commit,
             "date": _git(self.root, "show", "--no-patch", "--format=%cs"),
