@@ -6,12 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D
 from mecazen.messages import FARTHEST, PlanarCovariance
 
-from mecazen_follower.estimators.base import MIN_NOISE, Array
+from mecazen_follower.estimators.base import MIN_NOISE
 
 NO_HEADING = 100.0
 """Minimum variance of a heading that is not observed [rad²]."""
@@ -57,22 +56,28 @@ def check(measurement: Measurement) -> Measurement:
     pose, covariance, _ = measurement
     if not all(abs(number) <= FARTHEST for number in pose):
         raise RefusedError(f"observation is out of range: {tuple(pose)}")
-    matrix = np.array(covariance)
-    if not np.all(np.abs(matrix) <= FARTHEST**2):
+    if not all(abs(number) <= FARTHEST**2 for row in covariance for number in row):
         raise RefusedError("covariance of an observation must be finite")
-    is_symmetric = np.allclose(matrix, matrix.T, rtol=1e-5)  # to single precision
-    lowered = matrix - MARGIN * np.diag(np.diag(matrix))
-    if not (is_symmetric and _is_positive(lowered + MIN_NOISE)):
+    (xx, xy, xw), (yx, yy, yw), (wx, wy, ww) = covariance
+    symmetric = all(
+        math.isclose(upper, lower, rel_tol=1e-5, abs_tol=1e-8)  # to single precision
+        for upper, lower in ((xy, yx), (xw, wx), (yw, wy))
+    )
+    least, kept = float(MIN_NOISE[0, 0]), 1.0 - MARGIN
+    variances = xx * kept + least, yy * kept + least, ww * kept + least
+    if not (symmetric and _is_positive(*variances, yx, wx, wy)):
         raise RefusedError("covariance of an observation must be symmetric and positive")
     return measurement
 
 
-def _is_positive(matrix: Array) -> bool:
-    try:
-        np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
+def _is_positive(xx: float, yy: float, ww: float, yx: float, wx: float, wy: float) -> bool:
+    """Return whether a symmetric matrix is positive definite, by Gaussian elimination."""
+    if xx <= 0.0:
         return False
-    return True
+    yy -= yx / xx * yx
+    wy -= wx / xx * yx
+    ww -= wx / xx * wx
+    return yy > 0.0 and ww - wy / yy * wy > 0.0
 
 
 def rotated(covariance: PlanarCovariance, yaw: float) -> PlanarCovariance:
