@@ -50,7 +50,7 @@ def check(measurement: Measurement) -> Measurement:
     """Return a measurement that every estimator can use.
 
     Raises:
-        RefusedError: The pose is not finite or farther than 1000 km, or the covariance is not
+        RefusedError: The pose is beyond `FARTHEST`, or the covariance is not
             finite, symmetric and positive semidefinite.
     """
     pose, covariance, _ = measurement
