@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mecazen.config import Scenario
-from mecazen.errors import RefusedError
+from mecazen.config.people import Passerby
+from mecazen.config.services import MAX_DT_S
+from mecazen.config.world import Box
+from mecazen.errors import ConfigError, RefusedError
 from mecazen.keys import (
     BATTERY_STATE,
     GROUND_TRUTH,
@@ -46,13 +50,13 @@ from mecazen.urdf import build_meshes, build_urdf
 from mecazen.wheels import Watchdog, WheelCommand, wheel_command
 from mecazen.wire import NS_PER_S
 
+from mecazen_physics.footprint import Footprint
 from mecazen_physics.instruments import Battery, Encoders, Imu
 from mecazen_physics.motors import real_motors
 from mecazen_physics.people import FASTEST_PERSON, MovingPerson, ReportedPerson
-from mecazen_physics.robot import SimulatedRobot
 from mecazen_physics.simulation import Simulation
-from mecazen_physics.start import check_added, check_obstacles, check_person, steps_per_tick
 from mecazen_physics.state import Vector
+from mecazen_physics.world import reachable
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
 TOO_FAR = f"the person moved faster than {FASTEST_PERSON:g} m/s since the last sample"
@@ -64,10 +68,15 @@ class PhysicsNode(Node):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.config = scenario.physics
-        self.steps_per_tick = steps_per_tick(scenario.sim.tick_s, self.config.dt_s)
+        self.steps_per_tick = _steps_per_tick(scenario.sim.tick_s, self.config.dt_s)
         self.parts = {name: scenario.of(name) for name in scenario.names}
         for name, part in self.parts.items():
-            check_obstacles(part, name)
+            for solid in scenario.world.solids:
+                if solid.bottom_m < part.robot.height:
+                    kind = "box" if isinstance(solid, Box) else "cylinder"
+                    at = ", ".join(f"{value:g}" for value in solid.position_m)
+                    solid_at = f"{kind} at [{at}]; move it"
+                    _check_start(part, name, Footprint.of_obstacle(solid), solid_at)
             if part.controller.base_frame_id != "base_link":
                 build_urdf(part.robot, part.controller.base_frame_id)  # refuses a taken name
         self.has_legs = "skeleton" in scenario.sensor.features
@@ -87,9 +96,19 @@ class PhysicsNode(Node):
 
     def check_world(self, scenario: Scenario) -> None:
         """Refuse what would be added on a robot, and obstacles that it could drive onto."""
-        known = self.scenario.world.added
         for name, robot in self.robots.items():
-            check_added(scenario.of(name), known, robot.footprint())
+            part, footprint = scenario.of(name), robot.footprint()
+            low = reachable(part.robot, part.world)
+            for added, thing in part.world.added.items():
+                if isinstance(thing, Passerby):
+                    x, y, radius = thing.path.x_m, thing.path.y_m, part.world.person.radius_m
+                    place, is_in_reach = Footprint(x, y, rim=radius), True
+                else:
+                    place, is_in_reach = Footprint.of_obstacle(thing), thing in low
+                is_new = self.scenario.world.added.get(added) != thing
+                if is_in_reach and is_new and footprint.gap(place) < 0.0:
+                    at = f"[{footprint.x:.2f}, {footprint.y:.2f}]"
+                    raise ConfigError(f"{added}: would be inside the robot, which is at {at}")
 
     def reset(self, seed: int) -> None:
         """Start a new simulation, with the robots at their start poses."""
@@ -123,7 +142,9 @@ class PhysicsNode(Node):
                 person = inputs.get(of_robot(TARGET_ODOM, name))
                 if tick.number == 1 and person is not None:
                     x, y, _ = person.pose.pose.to_planar()
-                    check_person(part, name, x, y)
+                    where = f"person, who is at [{x:g}, {y:g}]; move it, or target.path"
+                    circle = Footprint(x, y, rim=part.world.person.radius_m)
+                    _check_start(part, name, circle, where)
                 commands.append(self._command(name, inputs))
                 self._place_followed(name, inputs)
             self._place_walkers(inputs)
@@ -136,11 +157,33 @@ class PhysicsNode(Node):
 
     def _sense(self, name: str, tick: Tick) -> dict[Topic[Any], Message]:
         """Return a robot's joints, its true pose, and the measurements of its instruments."""
-        state = self.robots[name].state
-        outputs = _messages(self.robots[name], tick, self.encoders.get(name))
+        robot, now = self.robots[name], tick.time
+        state = robot.state
+        positions, velocities = tuple(state.joint_position), tuple(state.joint_velocity)
+        if name in self.encoders:
+            count = len(WHEELS)
+            counted, changes = self.encoders[name].measure(positions[:count])
+            positions, velocities = counted + positions[count:], changes + velocities[count:]
+        pose = Pose(Point(*state.position), Quaternion(*state.orientation))
+        twist = Twist(linear=Vector3(*state.linear), angular=Vector3(*state.angular))
+        outputs: dict[Topic[Any], Message] = {
+            JOINT_STATES: JointState(
+                header=Header(stamp=now, frame_id="base_link"),
+                name=robot.joint_names,
+                position=positions,
+                velocity=velocities,
+                effort=tuple(state.joint_effort),
+            ),
+            GROUND_TRUTH: Odometry(
+                header=Header(stamp=now, frame_id="world"),
+                child_frame_id="base_link",
+                pose=PoseWithCovariance(pose=pose),
+                twist=TwistWithCovariance(twist=twist),
+            ),
+        }
         for topic, instrument in self.instruments[name].items():
             if tick.number % instrument.period == 0:
-                outputs[topic] = instrument.measure(state, tick.time)
+                outputs[topic] = instrument.measure(state, now)
         return outputs
 
     def _command(self, name: str, inputs: Inputs) -> WheelCommand:
@@ -219,12 +262,14 @@ class PhysicsNode(Node):
     def _stop(self, name: str) -> None:
         if self.moving.get(name):
             self.moving[name] = False
-            self.simulation.stop_person(self.numbers[name])
+            for robot in self.robots.values():
+                robot.stop_person(self.numbers[name])
 
     def _remove(self, name: str) -> None:
         del self.moving[name]
         self.reported.pop(name, None)
-        self.simulation.remove_person(self.numbers[name])
+        for robot in self.robots.values():
+            robot.remove_person(self.numbers[name])
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
         """Return a robot's URDF."""
@@ -260,35 +305,24 @@ def _instruments(part: Scenario, seed: int) -> dict[Topic[Any], Imu | Battery]:
     return instruments
 
 
-def _messages(
-    robot: SimulatedRobot, tick: Tick, encoders: Encoders | None
-) -> dict[Topic[Any], Message]:
-    """Return a robot's joints and its true pose."""
-    state, now = robot.state, tick.time
-    x, y, z = state.position
-    qx, qy, qz, qw = state.orientation
-    pose = Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-    positions, velocities = tuple(state.joint_position), tuple(state.joint_velocity)
-    if encoders is not None:
-        count = len(WHEELS)
-        counted, changes = encoders.measure(positions[:count])
-        positions, velocities = counted + positions[count:], changes + velocities[count:]
-    twist = Twist(linear=Vector3(*state.linear), angular=Vector3(*state.angular))
-    return {
-        JOINT_STATES: JointState(
-            header=Header(stamp=now, frame_id="base_link"),
-            name=robot.joint_names,
-            position=positions,
-            velocity=velocities,
-            effort=tuple(state.joint_effort),
-        ),
-        GROUND_TRUTH: Odometry(
-            header=Header(stamp=now, frame_id="world"),
-            child_frame_id="base_link",
-            pose=PoseWithCovariance(pose=pose),
-            twist=TwistWithCovariance(twist=twist),
-        ),
-    }
+def _steps_per_tick(tick_s: float, dt_s: float) -> int:
+    steps = round(tick_s / dt_s)
+    if steps < 1 or not math.isclose(steps * dt_s, tick_s, rel_tol=1e-9):
+        most = math.ceil(tick_s / dt_s)
+        allowed = [tick_s / number for number in (most, most - 1) if number > 0]
+        which = ", ".join(repr(step) for step in allowed if step <= MAX_DT_S)
+        raise ConfigError(
+            f"physics.dt_s = {dt_s:g} must divide sim.tick_s = {tick_s:g}; nearest: {which}"
+        )
+    return steps
+
+
+def _check_start(scenario: Scenario, name: str, obstacle: Footprint, what: str) -> None:
+    """Refuse a robot that starts inside an obstacle or a person: it could only crawl away."""
+    robot = Footprint.of_robot(scenario.robot.footprint, scenario.start.pose, 0.0, 0.0)
+    if robot.gap(obstacle) < 0.0:
+        key = f"robots.{name}.start" if name else "start"
+        raise ConfigError(f"{key}: the robot stands inside the {what}")
 
 
 def _positions(joints: Sequence[Point]) -> list[Vector]:

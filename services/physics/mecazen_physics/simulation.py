@@ -71,16 +71,6 @@ class Simulation:
         for robot in self.robots:
             robot.place_person(number, person)
 
-    def stop_person(self, number: int) -> None:
-        """Let the person `number` stand where they are now."""
-        for robot in self.robots:
-            robot.stop_person(number)
-
-    def remove_person(self, number: int) -> None:
-        """Take the person `number` out of the world until the next `place_person`."""
-        for robot in self.robots:
-            robot.remove_person(number)
-
     def _update_groups(self) -> None:
         """Couple the robots that come close to each other, and decouple those that are far again.
 
