@@ -172,12 +172,10 @@ class PolicyFollower(Node):
         self._weights = np.zeros(SIZE) if file is None else read_weights(file)
 
     def reset(self, seed: int) -> None:
-        """Forget the person."""
         self._policy, self._sight = Policy(self._weights, self.task), Sight(self.task)
         self._action, self._due_ns = np.zeros(3, np.float32), 0
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the twist of the newest action."""
         self._sight.look(inputs[ODOM], inputs.get(OBSERVATION))
         if tick.time_ns >= self._due_ns:
             self._due_ns = tick.time_ns + round(PERIOD_S * NS_PER_S)
@@ -191,14 +189,12 @@ class SampledFollower(FollowerNode):
     """The default follower at the rate of a policy, with the newest frame of each period."""
 
     def reset(self, seed: int) -> None:
-        """Discard the person, and frames that wait."""
         super().reset(seed)
         self._waiting: dict[Topic[Any], Message] = {}
         self._outputs: Outputs = {}
         self._due_ns, self._period_s = 0, 0.0
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        """Return the newest command, and the state of its tick."""
         frame = inputs.get(OBSERVATION)
         if frame is not None and frame.poses:
             self._waiting = {OBSERVATION: frame}

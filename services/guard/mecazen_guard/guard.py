@@ -86,7 +86,7 @@ class Guard:
     def __init__(
         self, footprint: tuple[float, float], drive: Drive, reaction_s: float, stop_s: float
     ) -> None:
-        self._footprint = footprint
+        self.footprint = footprint
         self._corner = math.hypot(*footprint)
         self.configure(drive, reaction_s, stop_s)
         self.begin(Twist2D())
@@ -159,8 +159,10 @@ class Guard:
         if not len(near):
             return clear
         points = points.only(near)
-        fastest = math.hypot(speeds[0], speeds[1]) + self._corner * speeds[2]
-        times = _times(horizon, fastest)
+        fastest = math.hypot(speeds[0], speeds[1]) + self._corner * speeds[2]  # of a corner
+        groups = math.ceil(horizon * fastest / (STEP_M * SEARCHED))
+        count = SEARCHED * min(max(groups, LEAST_GROUPS), MOST_GROUPS)
+        times = horizon / count * np.arange(1.0, count + 1.0)
         envelope = self._envelope(np.array(moving), hold, times)
         twist = np.array(wanted)
         encounter = _Encounter(self, points, times, age_s, envelope, twist)
@@ -196,15 +198,15 @@ class Guard:
     def _nearest(self, xy: Floats) -> tuple[float, float]:
         """Return the distance of the nearest point from the outline, and its bearing."""
         from_middle = np.hypot(xy[:, 0], xy[:, 1])
-        near = xy[from_middle <= from_middle.min() + self._corner - min(self._footprint)]
-        clearances = to_rectangle(near[:, 0], near[:, 1], self._footprint)
+        near = xy[from_middle <= from_middle.min() + self._corner - min(self.footprint)]
+        clearances = to_rectangle(near[:, 0], near[:, 1], self.footprint)
         least = int(clearances.argmin())
         x, y = near[least].tolist()
         return float(clearances[least]), math.atan2(y, x)
 
     def _past(self, twist: Floats, point: Floats) -> Floats | None:
         """Return the twist without its part towards a point; None if either part is zero."""
-        half = np.array(self._footprint)
+        half = np.array(self.footprint)
         away = point - np.clip(point, -half, half)
         distance = math.hypot(*away)
         if distance == 0.0:
@@ -226,20 +228,13 @@ class Guard:
         braked = BRAKING * down * np.maximum(middles - hold, 0.0)
         return low[:, None], high[:, None], braked[:, None]
 
-    def clearances(
-        self, twists: Floats, envelope: tuple[Floats, ...], xy: Floats, step_s: float, every: slice
-    ) -> Floats:
-        """Return the least distance of each point from the outline (C, N) [m]; inside negative.
+    def moved(
+        self, twists: Floats, envelope: tuple[Floats, ...], step_s: float
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return x, y [m] and yaw [rad] (C, M) in base_link, in intervals of `step_s` [s].
 
-        The robot follows each of C twists within the bounds of an envelope and the limits of its
-        axes: its poses in base_link, in intervals of `step_s`, are x, y and yaw (C, M).
-
-        Args:
-            twists: Twists (C, 3).
-            envelope: Lower and upper speed bounds, and the braking: (3, 1, M) each.
-            xy: Positions of the points at the time of each pose (M, N, 2), or at all (1, N, 2).
-            step_s: Interval of the M times [s].
-            every: The poses to look at.
+        The robot follows each of C twists (C, 3) within the bounds of an envelope and the limits of
+        its axes.
         """
         low, high, braked = envelope
         aims = np.minimum(np.maximum(twists, self._lowest), self._fastest)
@@ -250,20 +245,7 @@ class Guard:
         yaw = turn.cumsum(axis=-1)
         between = yaw - turn / 2.0
         c, s = np.cos(between), np.sin(between)
-        x, y = (c * dx - s * dy).cumsum(axis=-1), (s * dx + c * dy).cumsum(axis=-1)
-        x, y, yaw = (values[:, every, None] for values in (x, y, yaw))
-        c, s = np.cos(yaw), np.sin(yaw)
-        off_x, off_y = xy[..., 0] - x, xy[..., 1] - y
-        distances = to_rectangle(c * off_x + s * off_y, c * off_y - s * off_x, self._footprint)
-        least: Floats = distances.min(axis=1)
-        return least
-
-
-def _times(horizon: float, fastest: float) -> Floats:
-    """Return the times of the predicted poses [s], for the fastest motion of a corner [m/s]."""
-    groups = math.ceil(horizon * fastest / (STEP_M * SEARCHED))
-    count = SEARCHED * min(max(groups, LEAST_GROUPS), MOST_GROUPS)
-    return horizon / count * np.arange(1.0, count + 1.0)
+        return (c * dx - s * dy).cumsum(axis=-1), (s * dx + c * dy).cumsum(axis=-1), yaw
 
 
 def _square(vector: Floats) -> float:
@@ -299,7 +281,14 @@ class _Encounter:
         """Whether that twist comes nearer to a point than braking at once."""
 
     def _least(self, twists: Floats) -> Floats:
-        return self._guard.clearances(twists, self._envelope, self._xy, self._step_s, self._every)
+        """Return the least distance of each point from the outline (C, N) [m]; inside negative."""
+        poses = self._guard.moved(twists, self._envelope, self._step_s)
+        x, y, yaw = (values[:, self._every, None] for values in poses)
+        c, s = np.cos(yaw), np.sin(yaw)
+        off_x, off_y = self._xy[..., 0] - x, self._xy[..., 1] - y
+        ahead, beside = c * off_x + s * off_y, c * off_y - s * off_x
+        least: Floats = to_rectangle(ahead, beside, self._guard.footprint).min(axis=1)
+        return least
 
     def spare(self, twists: Floats) -> Floats:
         """Return by how much each point's clearance exceeds the required one (C, N) [m]."""

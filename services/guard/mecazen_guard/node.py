@@ -45,7 +45,6 @@ class GuardNode(Node):
         self.guard = Guard(robot.footprint, drive, _reaction_s(scenario), PERSON_STOP_S)
 
     def configure(self, scenario: Scenario) -> None:
-        """Use changed margins, and changed limits of the controller, from now on."""
         super().configure(scenario)
         self.commands.sources = sources(scenario)
         self.surroundings.config = scenario.guard
@@ -53,8 +52,6 @@ class GuardNode(Node):
         self.guard.configure(drive, _reaction_s(scenario), PERSON_STOP_S)
 
     def reset(self, seed: int) -> None:
-        """Discard all scans and poses; the robot rests until the first scan."""
-        del seed
         self.surroundings.forget()
         self.poses = PoseHistory(HISTORY_NS)
         self.pose = Pose2D()
@@ -130,7 +127,6 @@ class GuardNode(Node):
         )
 
     def diagnostics(self) -> dict[str, object]:
-        """Return who drives, the guard's state, the factor and the reason."""
         state = {
             "drives": self.commands.driver,
             "guard": self.state.state,

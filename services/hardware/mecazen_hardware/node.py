@@ -60,12 +60,10 @@ class HardwareNode(Node):
         self._urdf = build_urdf(scenario.robot, scenario.controller.base_frame_id)
 
     def reset(self, seed: int) -> None:
-        del seed
         self.driver = _open(self.scenario)
         self.driver.begin()
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        del inputs
         angles, speeds = self.driver.measure(tick.period_s if tick.number else 0.0)
         header = Header(stamp=tick.time, frame_id="base_link")
         joints = JointState(
@@ -85,8 +83,6 @@ class HardwareNode(Node):
         return outputs
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
-        """Return the robot's URDF."""
-        del call, request
         return String(data=self._urdf)
 
     def files(self) -> Mapping[str, Mapping[str, bytes]]:
@@ -103,7 +99,6 @@ class MotorsNode(Node):
     """Sends the newest wheel command to the board, in each tick and when a new command comes."""
 
     def reset(self, seed: int) -> None:
-        del seed
         self.driver = _open(self.scenario)
         self.watchdog = Watchdog(self.scenario)
 
@@ -112,7 +107,6 @@ class MotorsNode(Node):
         self.watchdog.configure(scenario)
 
     def step(self, tick: Tick, inputs: Inputs) -> Outputs:
-        del tick
         if inputs.get(EMERGENCY_STOP) is not None:
             self.driver.engage(is_engaged=True)
         joints, command = inputs.get(JOINT_COMMAND), None
@@ -130,8 +124,6 @@ class MotorsNode(Node):
         return {}
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
-        """Engage or release the emergency stop."""
-        del request
         self.driver.engage(is_engaged=call is STOP_MOTORS)
         return String(data="stopped" if call is STOP_MOTORS else "released")
 

@@ -86,7 +86,6 @@ class PhysicsNode(Node):
         """The name of the person whom each robot follows."""
 
     def configure(self, scenario: Scenario) -> None:
-        """Change the obstacles, and the limits within which wheels without a command brake."""
         if scenario.world != self.scenario.world:
             for robot in self.robots.values():
                 robot.change_world(scenario.world)
@@ -111,7 +110,6 @@ class PhysicsNode(Node):
                     raise ConfigError(f"{added}: would be inside the robot, which is at {at}")
 
     def reset(self, seed: int) -> None:
-        """Start a new simulation, with the robots at their start poses."""
         robots = [(part.robot, part.start.pose) for part in self.parts.values()]
         self.simulation = Simulation(robots, self.config, self.scenario.world)
         self.robots = dict(zip(self.parts, self.simulation.robots, strict=True))
@@ -272,17 +270,14 @@ class PhysicsNode(Node):
             robot.remove_person(self.numbers[name])
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
-        """Return a robot's URDF."""
         part = self.parts[self.calls[call]]
         return String(data=build_urdf(part.robot, part.controller.base_frame_id))
 
     def files(self) -> Mapping[str, Mapping[str, bytes]]:
-        """Return the meshes that the URDFs name."""
         names = self.calls.items()
         return {call.key: build_meshes(self.parts[name].robot) for call, name in names}
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the positions of the robots."""
         values: dict[str, object] = {}
         for name, robot in self.robots.items():
             x, y, _ = robot.state.position

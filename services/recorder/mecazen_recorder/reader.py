@@ -209,7 +209,6 @@ class Recording:
 
     def hint(self, key: str) -> str:
         """Return how to take a missing key from another topic; "" in a recording of mecazen."""
-        del key
         return ""
 
     def note_scenario(self, run: int, scenario: str) -> None:

@@ -196,7 +196,6 @@ class RecorderService(Observer):
 
     def reset(self, seed: int) -> None:
         """Continue: one file holds every run."""
-        del seed
 
     def run(self) -> None:
         if self.scenario.sim.mode == "lockstep":
@@ -215,7 +214,6 @@ class RecorderService(Observer):
             self.recorder.writer.close()
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the number of recorded samples; dropped ones count as refused."""
         return {"recorded": self.recorder.count}
 
 

@@ -48,13 +48,11 @@ class _Sensor(Node):
             )
 
     def reset(self, seed: int) -> None:
-        """Begin a run in which no person and no other robot is known."""
         self.scene = RayScene(self.scenario.world, self.robots)
         self.people = m.People()
         """All people and robots, as last received."""
 
     def configure(self, scenario: Scenario) -> None:
-        """See the obstacles of the changed world from now on."""
         if scenario.world != self.scenario.world:
             self.scene = RayScene(scenario.world, self.robots, self.scene.people)
         super().configure(scenario)
@@ -110,7 +108,6 @@ class LidarNode(_Sensor):
     key = "sensors.lidar"
 
     def reset(self, seed: int) -> None:
-        """Begin a run with noise from `seed`."""
         super().reset(seed)
         mount = self.scenario.robot.lidar
         assert mount is not None
@@ -126,7 +123,6 @@ class DepthNode(_Sensor):
     key = "sensors.depth"
 
     def reset(self, seed: int) -> None:
-        """Begin a run with noise from `seed`."""
         super().reset(seed)
         mount = self.scenario.robot.camera
         assert mount is not None
@@ -149,7 +145,6 @@ class TrackerNode(_Sensor):
         self._check_captures(self.latency)
 
     def reset(self, seed: int) -> None:
-        """Begin a run with errors from `seed`."""
         super().reset(seed)
         config, mount = self.scenario.sensors.tracker, self.scenario.robot.camera
         assert mount is not None

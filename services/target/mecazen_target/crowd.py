@@ -74,13 +74,11 @@ class CrowdNode(Node):
         return self.made[config].twin()
 
     def configure(self, scenario: Scenario) -> None:
-        """Let walkers give way to the obstacles of the changed world."""
         super().configure(scenario)
         if self.pedestrians is not None:
             self.pedestrians.surround(scenario.world.solids)
 
     def reset(self, seed: int) -> None:
-        """Begin a run, with walkers drawn from `seed`."""
         self.seed = seed
         self.last = 0
         self.robots: dict[str, m.Odometry] = {}
@@ -193,7 +191,6 @@ class CrowdNode(Node):
         return m.Person(f"walker_{number + 1}", pose, twist, self.heights[number], joints)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the number of walkers, with those who were added."""
         return {"walkers": len(self.paths) + len(self.added)}
 
 

@@ -54,13 +54,11 @@ class TargetNode(Node):
             self.skeleton_period = scenario.ticks_per("sensors.skeleton_rate_hz")
 
     def configure(self, scenario: Scenario) -> None:
-        """Give way to the obstacles of the changed world from now on."""
         super().configure(scenario)
         if self.pedestrian is not None:
             self.pedestrian.surround(scenario.world.solids)
 
     def reset(self, seed: int) -> None:
-        """Place the person at the start, with noise from `seed`."""
         path, tick_s = self.config.path, self.scenario.sim.tick_s
         timeout_s = path.timeout_s if isinstance(path, people.Driven) else 0.0
         self.driven = DrivenWalk(start_pose(path), timeout_s, tick_s)
@@ -157,7 +155,6 @@ class TargetNode(Node):
         return m.Observation(header=header, poses=poses, ids=ids, reason=frame.reason)
 
     def diagnostics(self) -> dict[str, object]:
-        """Return the person's position and walk, and the robot's true distance minus standoff."""
         person, _, walked = self.motion
         robot, standoff = self.truth.pose.pose.to_planar(), self.scenario.follower.standoff
         end_s = math.inf if self.path is None else self.path.duration

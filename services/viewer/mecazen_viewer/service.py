@@ -83,12 +83,9 @@ class ViewerService(Observer):
             self.show(robot, keys.diagnostics(part), draw)
 
     def reset(self, seed: int) -> None:
-        """End the recording of the last run."""
-        del seed
         self.end()
 
     def run(self) -> None:
-        """Show the newest samples, 30 times a second."""
         with ExitStack() as programs:
             server = RerunServer(self.config, f"--server-memory-limit={MEMORY_LIMIT}")
             programs.enter_context(closing(server))
