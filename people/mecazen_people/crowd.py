@@ -92,7 +92,9 @@ def random_errands(
             start, goal, share = _random_way(config, random)
             (x, y), (to_x, to_y) = start, goal
             place = x + share * (to_x - x), y + share * (to_y - y)
-            if _is_clear(place, occupied, shapes):
+            gaps = forces.nearest(np.array([place]), shapes)[1].tolist()
+            gaps += [math.dist(place, neighbour) for neighbour in occupied]
+            if min(gaps, default=math.inf) >= CLEAR_M:
                 break
         occupied.append(place)
         yaw = math.atan2(goal[1] - place[1], goal[0] - place[0])
@@ -115,15 +117,6 @@ def _random_way(
         ends = (left + near * (right - left), bottom), (left + far * (right - left), top)
     start, goal = ends if direction < 0.5 else ends[::-1]
     return start, goal, share
-
-
-def _is_clear(
-    place: tuple[float, float], occupied: Sequence[tuple[float, float]], shapes: Floats
-) -> bool:
-    _, distances = forces.nearest(np.array([place]), shapes)
-    return bool((distances >= CLEAR_M).all()) and all(
-        math.dist(place, neighbour) >= CLEAR_M for neighbour in occupied
-    )
 
 
 class Pedestrians:

@@ -119,11 +119,8 @@ class BackAndForth:
         yaw, turned = pose.yaw, since - duration
         if returns:
             # the velocity is reversed, and so are the axes in which it is given
-            yaw, twist, distance = (
-                yaw + math.pi,
-                twist._replace(yaw=-twist.yaw),
-                self._distance - distance,
-            )
+            yaw, twist = yaw + math.pi, twist._replace(yaw=-twist.yaw)
+            distance = self._distance - distance
         if turned > 0.0:
             yaw, twist = yaw + math.pi * turned / TURN_S, Twist2D(yaw=math.pi / TURN_S)
         return PersonMotion(pose._replace(yaw=yaw), twist, ways * self._distance + distance)
@@ -163,7 +160,11 @@ def make_path(path: config.Walk) -> PersonPath:
             walk = RecordedWalk(reader(path.file), path.smoothing_s or smoothing)
             start = start.compose(walk.at(0.0).pose.between(Pose2D()))
         case config.Script():
-            steps = [(step.duration_s, _velocity(step)) for step in path.steps]
+            steps = []
+            for step in path.steps:
+                x, y = rotate(step.speed_m_s, 0.0, math.radians(step.direction_deg))
+                twist = Twist2D(x, y, math.radians(step.yaw_rate_deg_s))
+                steps.append((step.duration_s, twist))
             yaw = math.radians(SCRIPT_YAW_ACCELERATION_DEG_S2)
             walk = TwistWalk(scripted(steps, path.acceleration_m_s2, yaw))
         case config.Wander():
@@ -222,11 +223,6 @@ def _curve(
             return Lemniscate(path.length_m, _side(path.turn))
         case config.Waypoints():
             return SmoothCurve(path.points_m)
-
-
-def _velocity(step: config.ScriptStep) -> Twist2D:
-    x, y = rotate(step.speed_m_s, 0.0, math.radians(step.direction_deg))
-    return Twist2D(x, y, math.radians(step.yaw_rate_deg_s))
 
 
 def _side(turn: config.Turn) -> float:

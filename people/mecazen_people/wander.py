@@ -76,11 +76,6 @@ class Segment(NamedTuple):
     period: float = math.inf
     """Period of the sine by which the target of turning is multiplied [s]; infinite: constant."""
 
-    def at(self, time: float) -> tuple[float, float, float]:
-        """Return the targets `time` [s] after the segment's begin."""
-        forward, left, turn = self.targets
-        return forward, left, turn * self.wave(time)
-
     def wave(self, time: float) -> float:
         """Return the factor of the target of turning."""
         return 1.0 if math.isinf(self.period) else math.sin(math.tau * time / self.period)
@@ -136,18 +131,14 @@ def twists(number: int, duration: float, step: float) -> Iterator[Twist2D]:
     character, plan = walker(number)
     random = Generator(PCG64([number, STREAM, 1]))
     kicks = random.standard_normal((round(duration / step), 3)) * DIFFUSION * math.sqrt(step)
-    velocity, phase, begin, end, segment = (
-        np.zeros(3),
-        0.0,
-        0.0,
-        0.0,
-        Segment(Kind.STANDING, 0.0, (0.0, 0.0, 0.0)),
-    )
+    velocity, phase, begin, end = np.zeros(3), 0.0, 0.0, 0.0
+    segment = Segment(Kind.STANDING, 0.0, (0.0, 0.0, 0.0))
     for cell, kick in enumerate(character.evenness * kicks):
         if cell * step >= end:
             segment = next(plan)
             begin, end = end, end + segment.duration
-        targets = np.array(segment.at(cell * step - begin))
+        targets = np.array(segment.targets)
+        targets[2] *= segment.wave(cell * step - begin)
         velocity = velocity + RELAXATION_1_S * (targets - velocity) * step + kick
         forward, left, turn = velocity.tolist()
         speed = math.hypot(forward, left)

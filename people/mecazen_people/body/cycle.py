@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from mecazen_people.body.gait import Fourier, GaitFactors, Style
+from mecazen_people.body.gait import Fourier, Style
 from mecazen_people.body.posture import PELVIS_TILT, Segments
 
 SLOWEST, FASTEST, _SPEED_STEP = 0.2, 2.0, 0.2
@@ -24,31 +24,21 @@ _HARMONICS = 8  # of the pelvis
 _CLEARANCE = 0.007  # approximate minimum in the middle of the swing [m]
 _TIED = 0.4  # share of the swing over which each end is blended into the stance
 _RAMP = 0.06  # share of the stance over which the foot leaves the ground
-_FLAT = (
-    0.11 / 0.62,
-    0.34 / 0.62,
-)  # shares of the stance between which the foot is flat; curves then have it flat within 2 deg
+# shares of the stance between which the foot is flat; curves then have it flat within 2 deg
+_FLAT = 0.11 / 0.62, 0.34 / 0.62
 
 
 class Swings(NamedTuple):
-    """Amplitudes of the prescribed oscillations, which have the period of a cycle [m, rad]."""
+    """Amplitudes of the prescribed oscillations, which have the period of a cycle [m, rad].
+
+    They are the last columns of `GaitFactors`, in the same order.
+    """
 
     sway: float
     pelvis_yaw: float
     pelvis_roll: float
     trunk_yaw: float
     arm: float
-
-    @classmethod
-    def from_factors(cls, factors: GaitFactors) -> Swings:
-        """Return the amplitudes of a row of the table."""
-        return cls(
-            factors.sway_m,
-            math.radians(factors.pelvis_rotation_deg),
-            math.radians(factors.pelvis_obliquity_deg),
-            math.radians(factors.trunk_rotation_deg),
-            math.radians(factors.arm_swing_deg),
-        )
 
     def pelvis(self, phase: float) -> tuple[float, float, float]:
         """Return the pelvis's offset to the left, its yaw and its roll (left side up) at a phase.
@@ -94,7 +84,9 @@ class GaitCycle:
 
     def __init__(self, style: Style, segments: Segments, speed: float) -> None:
         self._style, self._segments, self._speed = style, segments, speed
-        self.stride, self.swings = style.stride(speed), Swings.from_factors(style.factors(speed))
+        self.stride = style.stride(speed)
+        sway, *angles_deg = style.factors(speed)[-len(Swings._fields) :]
+        self.swings = Swings(sway, *map(math.radians, angles_deg))
         self.stance_shares = style.stance_share(0, speed), style.stance_share(1, speed)
         self._leads = style.lead(0, speed), style.lead(1, speed)
         # between the samples, where neither leg's weight is exactly 0
@@ -168,11 +160,13 @@ class GaitCycle:
             lifts.append(pelvis_z + hip_z - drop - roll_z)
             base = pelvis_x + hip_x + reach - roll_x - self.leads[side]
             progresses.append(base / self.stride + leg_phase - share / 2)
-        bumps = [16.0 * (u * (1.0 - u)) ** 2 for u in parts]
-        lifts = [
-            _larger(lift, _CLEARANCE * bump, 0.006 * bump)
-            for lift, bump in zip(_tied(lifts, 0.0, 0.0), bumps, strict=True)
-        ]
+        lifts = _tied(lifts, 0.0, 0.0)
+        for i, u in enumerate(parts):
+            bump = 16.0 * (u * (1.0 - u)) ** 2
+            least, width = _CLEARANCE * bump, 0.006 * bump
+            # the larger of both, without a kink where they are about `width` apart
+            root = math.sqrt((lifts[i] - least) ** 2 + width * width)
+            lifts[i] = (lifts[i] + least + root) / 2
         return LegCycle(stance, pitches, lifts, _tied(progresses, 0.0, 1.0))
 
 
@@ -221,8 +215,8 @@ class GaitTable:
 
     def stance_pitch(self, side: int, part: float) -> float:
         """Return the pitch of a foot on the ground [rad] at a part of its stance."""
-        low, high = (_at(c.legs[side].stance_pitch, part) for c in (self._low, self._high))
-        return self._mixed((low,), (high,))[0]
+        values = ((_at(c.legs[side].stance_pitch, part),) for c in (self._low, self._high))
+        return self._mixed(*values)[0]
 
     def swing(self, side: int, part: float) -> list[float]:
         """Return pitch, lift and progress of a foot at a part of its swing: see `LegCycle`."""
@@ -245,11 +239,6 @@ def _tied(values: Sequence[float], first: float, last: float) -> list[float]:
         value + begin * (1.0 - _smooth(i / n / _TIED)) + end * _smooth((i / n - 1.0) / _TIED + 1.0)
         for i, value in enumerate(values)
     ]
-
-
-def _larger(a: float, b: float, width: float) -> float:
-    """Return the larger of two values, without a kink where they are about `width` apart."""
-    return (a + b + math.sqrt((a - b) ** 2 + width * width)) / 2
 
 
 def _smooth(u: float) -> float:

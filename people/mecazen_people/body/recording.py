@@ -311,16 +311,14 @@ class _Cycles:
         flat = (phases > _FLAT[0] * self.share) & (phases < _FLAT[1] * self.share)
         # no file has the direction of the sole: it is level while the foot is flat
         mean[2] -= (mean[0] - PELVIS_TILT - mean[1] + mean[2])[flat].mean()
-        slopes = [(ahead[b] - ahead[a]) / (b - a) for a, b in self._stances()]
-        self.speed = max(-float(np.mean(slopes)) * rate_hz, 0.05)
-        self.curves: LegCurves = (Fourier(mean[0]), Fourier(mean[1]), Fourier(mean[2]))
-
-    def _stances(self) -> list[tuple[int, int]]:
-        """Return the frames from 15 to 75 % of each stance, in which the ankle hardly rises."""
-        return [
-            (round(a + 0.15 * self.share * (b - a)), round(a + 0.75 * self.share * (b - a)))
+        # from 15 to 75 % of each stance, in which the ankle hardly rises
+        stances = [
+            [round(a + part * self.share * (b - a)) for part in (0.15, 0.75)]
             for a, b in self.cycles
         ]
+        slopes = [(ahead[b] - ahead[a]) / (b - a) for a, b in stances]
+        self.speed = max(-float(np.mean(slopes)) * rate_hz, 0.05)
+        self.curves: LegCurves = (Fourier(mean[0]), Fourier(mean[1]), Fourier(mean[2]))
 
     def _mean(self, values: Array) -> Array:
         """Return the mean over the cycles at 100 phases, without a jump from end to beginning."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 from mecazen.config.people import Body
@@ -36,19 +37,17 @@ _STEP_S = 0.04  # longest step; longer times are divided
 _GAP_S = 1.0  # longest time over which a walk continues
 
 
+@dataclass
 class _Leg:
-    """A leg's state."""
-
-    def __init__(self, base: Pose2D) -> None:
-        self.base = base
-        """The point below the ankle of the flat foot, in the world."""
-        self.swings = False
-        self.lifted = 0.0
-        """Phase at which the swing began."""
-        self.left = base
-        """Pose at which the swing began."""
-        self.pitch = 0.0
-        self.lift = 0.0
+    base: Pose2D
+    """The point below the ankle of the flat foot, in the world."""
+    left: Pose2D
+    """Pose at which the swing began."""
+    swings: bool = False
+    lifted: float = 0.0
+    """Phase at which the swing began."""
+    pitch: float = 0.0
+    lift: float = 0.0
 
 
 class WalkingPerson:
@@ -93,7 +92,8 @@ class WalkingPerson:
         self._pulled = self._unsteady = 0.0
         self._lags = [[0.0] * 4, [0.0] * 4]
         self._frame()
-        self._legs = [_Leg(motion.pose.compose(self._nominal(side, 0.0))) for side in (0, 1)]
+        places = [motion.pose.compose(self._nominal(side, 0.0)) for side in (0, 1)]
+        self._legs = [_Leg(place, place) for place in places]
         return self._posture()
 
     def follow(self, motion: PersonMotion, dt_s: float) -> Posture:
@@ -294,14 +294,8 @@ class WalkingPerson:
         share = fx * u[0] + fy * u[1]
         nx, ny, nz = fx - share * u[0], fy - share * u[1], -share * u[2]
         aside /= math.sqrt(nx * nx + ny * ny + nz * nz)
-        return (
-            (
-                hip[0] + along * u[0] + aside * nx,
-                hip[1] + along * u[1] + aside * ny,
-                hip[2] + along * u[2] + aside * nz,
-            ),
-            ankle,
-        )
+        x, y, z = (h + along * a + aside * n for h, a, n in zip(hip, u, (nx, ny, nz), strict=True))
+        return (x, y, z), ankle
 
     def _arm(
         self, neck: Point, yaw: float, sign: int, upper: float, bend: float
