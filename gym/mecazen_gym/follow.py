@@ -132,14 +132,10 @@ class Task:
     def rewarded(
         self, place: Number, distance: Number, heading: Number, change: Number, seconds: Number
     ) -> Number:
-        """Return the reward of a step, for numbers or arrays.
+        """Return the reward of a step of some `seconds`, for numbers or arrays.
 
-        Args:
-            place: Distance of the robot from its place at the end [m].
-            distance: Error of its distance from the person [m].
-            heading: Error of its heading [rad].
-            change: Size of the change of the action.
-            seconds: Length of the step [s].
+        At its end the robot is away from its `place` [m], and has errors of the `distance` from the
+        person [m] and of the `heading` [rad]; `change` is the size of that of the action.
         """
         if self.reward == "scores":
             return -seconds * (abs(distance) + HEADING_M_RAD * abs(heading))

@@ -46,10 +46,7 @@ def scrambled(words: Words) -> Words:
 def draw(streams: Words, kind: int, number: npt.ArrayLike) -> Ints:
     """Return four independent numbers from 0 to `LEVELS` - 1 for each stream (4, n).
 
-    Args:
-        streams: Streams (n).
-        kind: Kind of the numbers.
-        number: Number of the draw, for all streams or for each (n).
+    `number` is that of the draw, for all streams or for each (n).
     """
     counter = np.atleast_1d(np.asarray(number, np.uint64)) * np.uint64(4) + np.uint64(kind)
     words = scrambled(streams + (counter + np.uint64(1)) * GOLDEN)
@@ -69,10 +66,7 @@ NORMAL: Floats = np.array([NormalDist().inv_cdf((k + 0.5) / LEVELS) for k in ran
 class Persons:
     """The persons of `n` environments, each on one of some walks, from one table of poses.
 
-    Args:
-        scenarios: A scenario for each walk, of which `target` is used.
-        ticks: Ticks for which poses are needed, at the highest speed.
-        n: Number of environments.
+    A walk is the `target` of a scenario; it needs poses for `ticks`, at the highest speed.
     """
 
     def __init__(self, scenarios: Sequence[Scenario], ticks: int, n: int) -> None:
@@ -157,14 +151,9 @@ class PoseSensors:
             self.noise[envs] = noise
 
     def observe(self, envs: Ints, begin: Ints, end: Ints, poses: Floats, newest: Ints) -> None:
-        """Take the newest frame after the tick `begin`, until `end`, that shows the person.
+        """Take the newest frame after the tick `begin` (n), until `end`, that shows the person.
 
-        Args:
-            envs: Which robots (k).
-            begin: Ticks (n).
-            end: Ticks (n).
-            poses: Poses of the robots (rows, 3, n) at successive ticks.
-            newest: Ticks of the last row (n).
+        `poses` are those of the robots (rows, 3, n) at successive ticks, the last at `newest` (n).
         """
         back = 0
         while envs.size:

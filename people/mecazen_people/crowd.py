@@ -122,13 +122,8 @@ def _random_way(
 class Pedestrians:
     """People on errands, step by step.
 
-    Each walker has independent fluctuations: a further walker does not change those of the others.
-
-    Args:
-        errands: The goals of each walker.
-        obstacles: The obstacles of the world.
-        radius: Radius of each body [m].
-        seed: Seed of the fluctuations.
+    Each walker has independent fluctuations from `seed`: a further walker does not change those of
+    the others. Bodies have a `radius` [m].
     """
 
     def __init__(

@@ -82,12 +82,9 @@ class TwistWalk:
 def scripted(
     steps: Sequence[tuple[float, Twist2D]], acceleration: float, yaw_acceleration: float
 ) -> Iterator[Twist2D]:
-    """Yield velocities one after the other, for each cell; after the last comes rest.
+    """Yield the velocity of each cell, for steps of a duration [s] and a velocity; then comes rest.
 
-    Args:
-        steps: Pairs of duration [s] and velocity.
-        acceleration: Largest change of the planar velocity [m/s²].
-        yaw_acceleration: Largest change of the yaw rate [rad/s²].
+    It changes by at most `acceleration` [m/s²] and `yaw_acceleration` [rad/s²].
     """
     change = acceleration * CELL_S, yaw_acceleration * CELL_S
     twist, cells, end = Twist2D(), 0, 0.0

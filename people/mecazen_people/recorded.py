@@ -80,11 +80,7 @@ def limited_slopes(knots: Floats, values: Floats) -> Floats:
     three times the shorter secant; at the ends it is the secant. With one coordinate the curve is
     monotonic where its values are: J. M. Hyman, Accurate monotonicity preserving cubic
     interpolation, SIAM J. Sci. Stat. Comput. 4 (1983). The limit is on the length of the vector, so
-    the curve does not depend on the frame.
-
-    Args:
-        knots: Increasing times (n).
-        values: The values at the knots (n) or (n, coordinates); the result has the same shape.
+    the curve does not depend on the frame. Values are (n) or (n, coordinates), as is the result.
     """
     points = values.reshape(len(knots), -1)
     widths = np.diff(knots)[:, None]

@@ -70,16 +70,9 @@ class LegCycle(NamedTuple):
 class GaitCycle:
     """A steady gait at one speed [m/s], in the frame of the path's pose.
 
-    Phases are the left leg's unless noted.
-
-    Attributes:
-        stride: Length of a stride [m].
-        stance_shares: Shares of the cycle for which the left and the right foot stand.
-        swings: The prescribed oscillations.
-        leads: Forward places of the standing feet at half stance [m].
-        forward: Offset of the pelvis ahead over the phase, SAMPLES + 1 values [m].
-        height: Height of the pelvis, likewise.
-        legs: The left leg and the right one.
+    Phases are the left leg's unless noted. The standing feet are by `leads` ahead at half stance;
+    `forward` is the offset of the pelvis ahead, and `height` its height, SAMPLES + 1 values over
+    the phase. All lengths are in [m].
     """
 
     def __init__(self, style: Style, segments: Segments, speed: float) -> None:

@@ -122,10 +122,7 @@ def factors_at(speed: float) -> GaitFactors:
 class Style:
     """The gait of one person at all speeds: a gait, scaled by the norm's factors; and a pathology.
 
-    Args:
-        body: The person.
-        height: Their height [m].
-        gait: A gait of the person, or of healthy adults.
+    The person's `height` is in [m]; `gait` is their own, or that of healthy adults.
     """
 
     def __init__(self, body: Body, height: float, gait: Gait) -> None:

@@ -118,11 +118,7 @@ class Guard:
     def step(self, wanted: Twist2D, points: Points, age_s: float, dt: float) -> Verdict:
         """Return the verdict of a tick of `dt` [s]; with 0 the current tick is decided again.
 
-        Args:
-            wanted: The commanded twist.
-            points: The points that the robot must not touch, in base_link.
-            age_s: Time since the points were measured [s].
-            dt: Time since the last tick [s].
+        The points, in base_link, were measured `age_s` before.
         """
         if dt > 0.0:
             self._state = self._drive.limited(self._state, self._let_through, dt)

@@ -69,11 +69,7 @@ def _velocities(track: WalkerTrack) -> tuple[Place, Place]:
 class Surroundings:
     """Keeps the points of the newest scan and the tracks of people, in odom.
 
-    Args:
-        config: The guard's margins and limits.
-        lidar: The lidar's data sheet.
-        mount: Pose of the lidar in base_link.
-        is_real: Whether scans come from a real lidar, whose driver may send 0 for no return.
+    The lidar is at `mount` in base_link. The driver of a real one may send 0 for no return.
     """
 
     def __init__(
@@ -91,12 +87,7 @@ class Surroundings:
         """Time of the newest scan [s]; None if there is none."""
 
     def update(self, scan: LaserScan, now: float, poses: PoseHistory) -> None:
-        """Update with a scan that arrives at `now` [s].
-
-        Args:
-            scan: The scan.
-            now: Time of its arrival [s].
-            poses: Past poses of base_link in odom.
+        """Update with a scan that arrives at `now` [s], after `poses` of base_link in odom.
 
         Raises:
             RefusedError: The scan is not plausible, or no pose is known at its stamp.

@@ -20,14 +20,7 @@ NOT_MEASURED = (-1.0, *(0.0,) * 8)
 
 
 class Imu:
-    """An inertial measurement unit with white noise and a random-walk bias.
-
-    Args:
-        config: The errors of the sensor.
-        period: Ticks from one sample to the next.
-        tick_s: Duration of a tick [s].
-        seed: Seed of the errors.
-    """
+    """An inertial measurement unit with white noise and a random-walk bias; `period` in ticks."""
 
     def __init__(self, config: ImuConfig, period: int, tick_s: float, seed: int) -> None:
         self.period = period
@@ -72,19 +65,14 @@ class Imu:
             header=m.Header(stamp=time, frame_id="base_link"),
             orientation_covariance=NOT_MEASURED,
             angular_velocity=m.Vector3(*angular),
-            angular_velocity_covariance=_isotropic(self._std[0]),
+            angular_velocity_covariance=tuple((self._std[0] ** 2 * np.eye(3)).ravel().tolist()),
             linear_acceleration=m.Vector3(*linear),
-            linear_acceleration_covariance=_isotropic(self._std[1]),
+            linear_acceleration_covariance=tuple((self._std[1] ** 2 * np.eye(3)).ravel().tolist()),
         )
 
 
 class Encoders:
-    """The encoders of the wheels: whole counts, and their change per tick.
-
-    Args:
-        config: The resolution of the encoders; `counts_per_turn` must not be 0.
-        tick_s: Duration of a tick [s].
-    """
+    """The encoders of the wheels, with some counts per turn: counts, and their change per tick."""
 
     def __init__(self, config: EncodersConfig, tick_s: float) -> None:
         self._step = 2.0 * math.pi / config.counts_per_turn
@@ -104,13 +92,9 @@ class Encoders:
 
 
 class Battery:
-    """The battery, which sags under the load of the motors, and the measurement of its voltage.
+    """The battery, whose voltage is measured with noise; `period` in ticks.
 
-    Args:
-        config: The battery's voltage and the noise of its measurement.
-        sag_per_nm: Share of the voltage that each N·m of the motors' summed torques costs.
-        period: Ticks from one sample to the next.
-        seed: Seed of the noise.
+    Each N·m of the motors' summed torques costs the share `sag_per_nm` of the voltage.
     """
 
     def __init__(self, config: BatteryConfig, sag_per_nm: float, period: int, seed: int) -> None:
@@ -131,8 +115,3 @@ class Battery:
             voltage=float(np.float32(voltage)),
             present=True,
         )
-
-
-def _isotropic(std: float) -> tuple[float, ...]:
-    """Return the covariance of a vector (9) with white noise on each axis."""
-    return tuple(std * std if index % 4 == 0 else 0.0 for index in range(9))

@@ -27,12 +27,7 @@ class Motors:
     each wheel if `physics.drive` is "effort". Speeds and torques are clipped at the motor's limits,
     and a torque does not accelerate a wheel beyond its maximum speed. With a table `motors` in the
     robot file, the motors follow commands as real motors do, and a wheel gets the torque of its
-    motor less the friction at the speed at which a step begins.
-
-    Args:
-        robot: The robot, with the motors' limits.
-        physics: Settings of the drive.
-        wheels: The wheels' joints in DART.
+    motor less the friction at the speed at which a step begins. `wheels` are joints in DART.
     """
 
     def __init__(self, robot: Robot, physics: PhysicsConfig, wheels: Sequence[Any]) -> None:
@@ -146,10 +141,7 @@ class WheelPid:
 class MotorModel:
     """The response of the four wheels to their commands, of speeds or of torques.
 
-    Args:
-        motors: Parameters of the motors.
-        dt: Physics step [s].
-        start: Output until the first command arrives [rad/s or N·m].
+    It has steps of `dt` [s]; until the first command arrives, the output is `start`.
     """
 
     def __init__(
@@ -174,8 +166,7 @@ class MotorModel:
     def step(self, supplied: float) -> Values:
         """Return the output at the end of the next step: speeds [rad/s], or torques [N·m].
 
-        Args:
-            supplied: Share of the supply voltage that remains under load.
+        The share `supplied` of the supply voltage remains under load.
         """
         now, end = self._steps * self._dt, (self._steps + 1) * self._dt
         while self._commands and self._commands[0][0] < end:
@@ -190,24 +181,18 @@ class MotorModel:
         """Follow the command in force, which is constant, for a duration [s]."""
         if self._in_force is None:
             return
-        goal = self._shaped(self._in_force, supplied)
-        lag = self._motors.time_constant_s
+        motors, output = self._motors, []
+        lag, dead = motors.time_constant_s, motors.dead_band_rad_s
         left = math.exp(-duration / lag) if lag > 0.0 else float(duration == 0.0)
-        self._output = tuple(
-            aim + left * (value - aim) for aim, value in zip(goal, self._output, strict=True)
-        )
+        for gain, command, value in zip(motors.gains, self._in_force, self._output, strict=True):
+            aim = gain * supplied * math.copysign(max(abs(command) - dead, 0.0), command)
+            output.append(aim + left * (value - aim))
+        self._output = tuple(output)
 
     def friction(self, speed: float) -> float:
         """Return the friction torque of motor and gear [N·m] at a wheel's speed [rad/s]."""
         part = min(max(speed / STILL_RAD_S, -1.0), 1.0)
         return self._motors.coulomb_nm * part + self._motors.viscous_nms * speed
-
-    def _shaped(self, values: Values, supplied: float) -> Values:
-        dead = self._motors.dead_band_rad_s
-        return tuple(
-            gain * supplied * math.copysign(max(abs(value) - dead, 0.0), value)
-            for gain, value in zip(self._motors.gains, values, strict=True)
-        )
 
 
 def real_motors(robot: Robot, physics: PhysicsConfig) -> RealMotors | None:

@@ -23,12 +23,7 @@ class Simulation:
     A robot that is far from all others is simulated in a separate DART world, and its motion is
     bit-identical to that without other robots. Robots that are close to each other are simulated in
     the world of the first of them. Two simulations with the same arguments and commands have
-    bit-identical states.
-
-    Args:
-        robots: Each robot, and the start pose of its base_link in the world frame.
-        physics: Settings of the simulation.
-        world: Surroundings of the robots.
+    bit-identical states. Start poses are those of base_link in the world frame.
     """
 
     def __init__(

@@ -231,9 +231,7 @@ class DartWorld:
     def choose_solver(self, *, alone: bool, robots: int) -> None:
         """Choose the cone solver if a contact is about to slip, otherwise the box solver.
 
-        Args:
-            alone: Whether only the ground can touch the only robot.
-            robots: The number of robots.
+        Only the ground can touch a robot that is `alone`.
         """
         cone = not (alone and self._alignable) and self._may_slip()
         if cone:

@@ -49,15 +49,8 @@ class Recorder:
     """Records every sample of some keys.
 
     Samples of `topics` are decoded; samples of other keys are stored unchanged. On a bus within a
-    process, the topics of `robots` and the diagnostics of `services` are recorded.
-
-    Args:
-        bus: The bus of the samples.
-        config: File and keys.
-        scenario: Returns the configuration of a new run in TOML, or None.
-        topics: The topics of the graph.
-        robots: Names of the robots until the first configuration.
-        services: Names of the services.
+    process, the topics of `robots` and the diagnostics of `services` are recorded. `scenario`
+    returns the configuration of a new run in TOML, or None.
 
     Raises:
         RecordingError: The file can't be written.

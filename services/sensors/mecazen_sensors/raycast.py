@@ -48,11 +48,7 @@ _RADII = np.array([limb.radius for limb in LIMBS])
 
 
 class RayScene:
-    """Ground, obstacles, robots and people; people are absent until they are placed.
-
-    Attributes:
-        people: The number of people.
-    """
+    """Ground, obstacles, robots and a number of people, who are absent until they are placed."""
 
     def __init__(self, world: WorldConfig, robots: Sequence[Robot] = (), people: int = 1) -> None:
         self.people = people
@@ -97,12 +93,10 @@ class RayScene:
         self._rotations[geoms] = rotate(axes, pose.yaw).transpose(0, 2, 1)
 
     def place_person(self, person: int, joints: Floats, height: float) -> None:
-        """Place a person's body.
+        """Place the body of the person of a number.
 
-        Args:
-            person: The person's number.
-            joints: Positions in the world in the order of `mecazen.skeleton.JOINTS` (20, 3) [m].
-            height: Height of the body; the limbs' radii are shares of it [m].
+        Joints are in the world, in the order of `mecazen.skeleton.JOINTS` (20, 3) [m]; the limbs'
+        radii are shares of the height [m].
         """
         geoms = self._people[person]
         along = product(_ALONG, joints)

@@ -118,13 +118,8 @@ class BodyTracker:
     """A body tracker on a robot.
 
     The number of random draws per frame and person does not depend on visibility. Each person has a
-    separate generator, so an additional person does not change the errors of the others.
-
-    Args:
-        config: The tracker's data sheet.
-        mount: Pose of the camera on the robot.
-        seed: Seed of the errors.
-        frame_s: Time from one frame to the next [s].
+    separate generator, so an additional person does not change the errors of the others. Frames
+    follow each other after `frame_s` [s].
     """
 
     def __init__(
@@ -155,13 +150,8 @@ class BodyTracker:
     ) -> m.Skeletons:
         """Return the frame from a true pose of the robot; `header.stamp` is `time`.
 
-        Its `reason` is that of the first of the people, whom the robot follows.
-
-        Args:
-            scene: The world, in which all people are placed.
-            robot: True pose of the robot.
-            people: Joints of all people (20, 3) [m], by id, in the order of the scene's numbers.
-            time: Time of the capture.
+        Its `reason` is that of the first of the people, whom the robot follows. All of them are
+        placed in the scene, with their joints (20, 3) [m], in the order of its numbers.
         """
         for name in people:
             if name not in self._bodies:
@@ -209,14 +199,9 @@ class BodyTracker:
     ) -> m.Skeleton | None:
         """Return the reported joints of a person; None if the pelvis is not seen.
 
-        Args:
-            body: State of the tracker for the person.
-            header: Header of the frame.
-            vectors: Vectors from the camera to the joints, in base_link (20, 3) [m].
-            depths: Depths of the joints (20) [m].
-            inside: Whether the joints are in view, hidden or not.
-            reached: Whether nothing is in front of the joints.
-            limbs: Limbs that the rays to the joints hit first: indices of `LIMBS`, or `FOREIGN`.
+        The joints are at `vectors` (20, 3) [m] from the camera, in base_link. They are `inside` the
+        view, hidden or not; `reached` if nothing is in front of them. The rays to them hit `limbs`
+        first: indices of `LIMBS`, or `FOREIGN`.
         """
         config = self._config
         normals: Floats = body.random.standard_normal((2, COUNT, 3))

@@ -79,15 +79,10 @@ def frustum(camera: CameraMount, tracker: TrackerConfig) -> rr.LineStrips3D:
 
 
 def bodies(joints: Floats, heights: Floats, look: Look) -> rr.LineStrips3D:
-    """Return a thick line for each limb of n bodies.
+    """Return a thick line for each limb of n bodies with joints (n, 20, 3) in world [m].
 
     The trunk of `LIMBS` is round up to the chin and hides the neck, so it is drawn shorter, and
     neck and shoulders are drawn as well.
-
-    Args:
-        joints: Joints (n, 20, 3) in world [m].
-        heights: Heights (n) [m].
-        look: Colours of clothes, trousers and skin.
     """
     strips = joints[:, _LIMBS].astype(np.float32)
     # a line so short that it looks like a sphere with its round ends, from all sides
