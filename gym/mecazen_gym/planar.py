@@ -20,7 +20,7 @@ from mecazen_physics.motors import real_motors
 from mecazen_physics.world import GRAVITY, ground_friction
 
 Ints = npt.NDArray[np.int64]
-Axes = tuple[float, float, float]
+Axes = tuple[float, ...]
 STRAIGHT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -57,8 +57,8 @@ class Effects(NamedTuple):
         effects = cls(
             # a roller off its lowest position is tilted: docs/physics.md
             gain=(radius, radius * math.sin(arc) / arc, radius * configured.lever / actual.lever),
-            grip=_scaled(per_newton, newton),
-            force=_scaled(per_newton, motors_newton),
+            grip=tuple(axis * newton for axis in per_newton),
+            force=tuple(axis * motors_newton for axis in per_newton),
         )
         motors = real_motors(robot, scenario.physics)
         if motors is None:
@@ -67,15 +67,11 @@ class Effects(NamedTuple):
         for axis in STRAIGHT:
             pairs = zip(motors.gains, configured.inverse(Twist2D(*axis)), strict=True)
             driven.append(configured.forward(WheelSpeeds(*(gain * speed for gain, speed in pairs))))
-        x, y, yaw = zip(*driven, strict=True)
-        delay_ticks = round(motors.delay_s / scenario.sim.tick_s)
-        lag_s = motors.time_constant_s
-        return effects._replace(delay_ticks=delay_ticks, lag_s=lag_s, motors=(x, y, yaw))
-
-
-def _scaled(axes: Axes, factor: float) -> Axes:
-    x, y, yaw = axes
-    return x * factor, y * factor, yaw * factor
+        return effects._replace(
+            delay_ticks=round(motors.delay_s / scenario.sim.tick_s),
+            lag_s=motors.time_constant_s,
+            motors=tuple(zip(*driven, strict=True)),
+        )
 
 
 class PlanarRobots:

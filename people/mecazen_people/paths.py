@@ -44,7 +44,6 @@ class CurveWalk:
         self.duration = curve.length / speed
 
     def at(self, t: float) -> PersonMotion:
-        """Return the motion at the time `t` [s] in the frame of the curve."""
         s = min(max(t, 0.0) * self._speed, self._curve.length)
         pose, curvature = self._curve.at(s)
         if not 0.0 <= t < self.duration:
@@ -66,7 +65,6 @@ class TwistWalk:
         self.duration = len(self._cells) * CELL_S
 
     def at(self, t: float) -> PersonMotion:
-        """Return the motion at the time `t` [s]; at rest before 0 and after the end."""
         if t < 0.0:
             return PersonMotion(Pose2D())
         number = math.floor(t / CELL_S + 1e-9)
@@ -108,7 +106,6 @@ class BackAndForth:
         self._distance = 0.0 if math.isinf(path.duration) else path.at(path.duration).distance
 
     def at(self, t: float) -> PersonMotion:
-        """Return the motion at the time `t` [s] in the frame of the path; at rest before 0."""
         duration = self._path.duration
         ways, since = divmod(max(t, 0.0), duration + TURN_S)
         returns = ways % 2.0 == 1.0
@@ -133,7 +130,6 @@ class Placed:
         self.duration = start_after + path.duration
 
     def at(self, t: float) -> PersonMotion:
-        """Return the motion at the time `t` [s], the pose in the world."""
         pose, twist, distance = self._path.at(t - self._start_after)
         return PersonMotion(self._start.compose(pose), twist, distance)
 

@@ -63,7 +63,6 @@ class RecordedWalk:
         self._motion = scipy.interpolate.CubicHermiteSpline(knots, values, slopes)
 
     def at(self, t: float) -> PersonMotion:
-        """Return the motion at the time `t` [s]; at rest before 0 and after the end."""
         inside = min(max(t, 0.0), self.duration)
         x, y, yaw, distance = self._motion(inside).tolist()
         pose = Pose2D(x, y, wrap(yaw))

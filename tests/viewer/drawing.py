@@ -89,7 +89,7 @@ class Drawing:
 
     def end(self) -> Content:
         """End the run; return what was drawn."""
-        self.viewer.end()
+        self.viewer.close()
         return Content(self._file)
 
 

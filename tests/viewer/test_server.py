@@ -63,7 +63,7 @@ def test_late_viewer_sees_all_robots_and_runs(attach):
         stage.play(run=2, ticks=50)
         stage.viewer.recording.flush(timeout_sec=10.0)
         assert wait(attach, 2, end_ns=490_000_000).active_recording.endswith(":00000002")
-        stage.viewer.end()
+        stage.viewer.close()
 
 
 def test_page_and_data_are_served_on_loopback_only():
@@ -142,7 +142,7 @@ def test_memory_is_bounded_over_long_and_many_runs():
         for run in range(2, 62):
             stage.play(run, ticks=2)
         assert memory_mb(stage) - first < 120.0  # a run leaves what of it never changes
-        stage.viewer.end()
+        stage.viewer.close()
 
 
 DAMAGED_MS = 200

@@ -18,7 +18,7 @@ from mecazen.wheels import WheelSpeeds
 
 from mecazen_hardware.board import Identity, Inertial, Report, Voltage, WheelAngles
 from mecazen_hardware.link import HardwareError, Link
-from mecazen_hardware.wheels import Four, WheelEstimator
+from mecazen_hardware.wheels import WheelEstimator
 
 logger = logging.getLogger(__name__)
 
@@ -70,7 +70,7 @@ class Driver:
         self.link.stop()
         self.wheels.reset()
 
-    def measure(self, dt: float) -> tuple[Four, WheelSpeeds]:
+    def measure(self, dt: float) -> tuple[tuple[float, ...], WheelSpeeds]:
         """Return the wheels' angles [rad] and speeds [rad/s] now, `dt` after the last call [s].
 
         Raises:

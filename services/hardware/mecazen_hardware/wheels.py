@@ -9,7 +9,6 @@ speeds have no spikes. The integral of the speeds follows the encoders, so odome
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 from mecazen.wheels import PLAUSIBLE_SPEED, WheelSpeeds
 
@@ -21,8 +20,6 @@ MOST_CYCLES = 100
 """Maximum number of cycles of an interval between two reports."""
 AHEAD_CYCLES = 2.0
 """Number of cycles for which the last speed is used without a new report."""
-
-Four = tuple[float, float, float, float]
 
 
 class WheelEstimator:
@@ -40,11 +37,11 @@ class WheelEstimator:
         self._last: WheelAngles | None = None
         self.reported_s = -math.inf
         """Arrival of the newest report [s]."""
-        self._measured: Four = (0.0,) * 4
+        self._measured: tuple[float, ...] = (0.0,) * 4
         """Speeds between the last two reports [rad/s]."""
-        self._turned: Four = (0.0,) * 4
+        self._turned: tuple[float, ...] = (0.0,) * 4
         """Sum of the changes in the reports [rad]."""
-        self.angles: Four = (0.0,) * 4
+        self.angles: tuple[float, ...] = (0.0,) * 4
         """The angles that `advance` returned last: the integral of its speeds [rad]."""
 
     def take(self, report: WheelAngles, now_s: float) -> None:
@@ -52,24 +49,24 @@ class WheelEstimator:
         elapsed_s = now_s - self.reported_s
         interval_s = self._cycle_s * max(1, round(min(elapsed_s / self._cycle_s, MOST_CYCLES)))
         pairs = zip(report.angles, (self._last or report).angles, strict=True)
-        change = _four(math.remainder(new - old, report.span) for new, old in pairs)
+        change = tuple(math.remainder(new - old, report.span) for new, old in pairs)
         most = PLAUSIBLE_SPEED * self._max_speed * interval_s
         if max(map(abs, change)) > most:
             self.jumps += 1
             self._doubted += 1
             if self._doubted < BELIEVED_AFTER:
                 return  # a single damaged number: the next report contains the missed change
-            change = _four(
+            change = tuple(
                 angle if abs(angle) <= most else speed * interval_s
                 for angle, speed in zip(change, self._measured, strict=True)
             )
         self._doubted = 0
         self._last = report
         self.reported_s = now_s
-        self._measured = _four(angle / interval_s for angle in change)
-        self._turned = _four(map(sum, zip(self._turned, change, strict=True)))
+        self._measured = tuple(angle / interval_s for angle in change)
+        self._turned = tuple(map(sum, zip(self._turned, change, strict=True)))
 
-    def advance(self, now_s: float, dt: float) -> tuple[Four, WheelSpeeds]:
+    def advance(self, now_s: float, dt: float) -> tuple[tuple[float, ...], WheelSpeeds]:
         """Return angles [rad] and speeds [rad/s] at `now_s`, `dt` after the last call [s]."""
         limit_s = AHEAD_CYCLES * self._cycle_s
         ahead_s = min(max(now_s - self.reported_s, 0.0), limit_s)
@@ -80,14 +77,9 @@ class WheelEstimator:
             error = turned + measured * ahead_s - (angle + speed * dt)
             speeds.append(speed + error / correction_s)
             angles.append(angle + speeds[-1] * dt)
-        self.angles = _four(angles)
+        self.angles = tuple(angles)
         return self.angles, WheelSpeeds(*speeds)
 
     def reset(self) -> None:
         """Set the angles to zero."""
         self._turned = self.angles = (0.0,) * 4
-
-
-def _four(values: Iterable[float]) -> Four:
-    a, b, c, d = values
-    return a, b, c, d

@@ -37,8 +37,7 @@ class Motors:
         self._wiring = [(abs(n) - 1, math.copysign(1.0, n)) for n in robot.wheels.wiring]
         self._real = real_motors(robot, physics)
         self._pids: list[WheelPid] = []
-        if physics.drive == "effort":
-            self._pids = [WheelPid(physics.pid, self._max_torque, physics.dt_s) for _ in WHEELS]
+        self._gains = physics.pid if physics.drive == "effort" else None
         self._is_effort: bool | None = None
         """Whether the command is one of torques; None before the first command."""
         self._values: Values = (0.0,) * len(WHEELS)
@@ -63,11 +62,11 @@ class Motors:
     def _begin(self, efforts: Sequence[float], *, is_effort: bool) -> None:
         """Begin to follow commands of the other kind, without what remains of earlier ones."""
         self._is_effort = is_effort
-        self._servo = not (is_effort or self._pids)
+        self._servo = not is_effort and self._gains is None
         for wheel in self._wheels:
             wheel.setActuatorType(dart.dynamics.SERVO if self._servo else dart.dynamics.FORCE)
-        for pid in self._pids:
-            pid.reset()
+        if self._gains is not None:
+            self._pids = [WheelPid(self._gains, self._max_torque, self._dt) for _ in WHEELS]
         if self._real is not None:
             motors = replace(self._real, dead_band_rad_s=0.0) if is_effort else self._real
             self._response = MotorModel(motors, self._dt, efforts if is_effort else self._speeds())
@@ -119,10 +118,6 @@ class WheelPid:
         self._gains = gains
         self._max_torque = max_torque
         self._dt = dt
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all errors."""
         self._integral = 0.0
         self._last_error: float | None = None
 

@@ -6,7 +6,7 @@ import math
 from functools import cached_property
 
 from mecazen.config import PhysicsConfig, WorldConfig
-from mecazen.geometry import Pose2D
+from mecazen.geometry import Pose2D, rotate
 from mecazen.links import robot_links
 from mecazen.robot import WHEELS, Robot
 from mecazen.wheels import WheelCommand
@@ -16,7 +16,14 @@ from mecazen_physics.footprint import CLEARANCE_M, HORIZON_S, Footprint
 from mecazen_physics.motors import Motors
 from mecazen_physics.people import MovingPerson
 from mecazen_physics.ridges import RidgeContacts
-from mecazen_physics.state import RobotState, check_converged
+from mecazen_physics.state import (
+    BASE_DOFS,
+    RobotState,
+    check_converged,
+    quaternion,
+    turned,
+    unrotate,
+)
 from mecazen_physics.world import DartWorld, ground_friction, reachable
 
 NEARBY_M = 1.0
@@ -216,11 +223,17 @@ class SimulatedRobot:
             # the rates of the projected positions: DART's are those of the hulls' edges
             for rate in PROJECTED_DOFS:
                 velocity[rate] = 0.0
-        return RobotState.of(
-            self._steps * self._dt,
-            position,
-            velocity,
-            self.body.world.heading,
-            self._motors.torques(),
-            self._robot.rollers.bearing_friction_nms,
+        heading, orientation = self.body.world.heading, quaternion(*position[:3])
+        x, y = rotate(position[3], position[4], heading)
+        speeds, friction = velocity[BASE_DOFS:], self._robot.rollers.bearing_friction_nms
+        rollers = [-friction * speed for speed in speeds[len(WHEELS) :]]
+        return RobotState(
+            time=self._steps * self._dt,
+            position=(x, y, position[5]),
+            orientation=turned(orientation, heading),
+            linear=unrotate(orientation, *velocity[3:6]),
+            angular=unrotate(orientation, *velocity[:3]),
+            joint_position=position[BASE_DOFS:],
+            joint_velocity=speeds,
+            joint_effort=self._motors.torques() + rollers,
         )

@@ -41,38 +41,6 @@ class RobotState(NamedTuple):
     joint_velocity: list[float]
     joint_effort: list[float]
 
-    @classmethod
-    def of(
-        cls,
-        time: float,
-        position: list[float],
-        velocity: list[float],
-        heading: float,
-        torques: list[float],
-        bearing_friction: float,
-    ) -> RobotState:
-        """Return the state at `time` [s].
-
-        `position` and `velocity` are those of `RobotBody.read`, in axes at `heading` from the
-        world's [rad]. `torques` are those of the wheels' motors [N·m]; the viscous friction of a
-        roller's bearing is in [N·m·s/rad].
-        """
-        # in the axes of the velocities
-        orientation = quaternion(*position[:3])
-        x, y = rotate(position[3], position[4], heading)
-        speeds = velocity[BASE_DOFS:]
-        rollers = [-bearing_friction * speed for speed in speeds[len(WHEELS) :]]
-        return cls(
-            time=time,
-            position=(x, y, position[5]),
-            orientation=_turned(orientation, heading),
-            linear=unrotate(orientation, *velocity[3:6]),
-            angular=unrotate(orientation, *velocity[:3]),
-            joint_position=position[BASE_DOFS:],
-            joint_velocity=speeds,
-            joint_effort=torques + rollers,
-        )
-
     @property
     def tilt(self) -> float:
         """Angle between base_link's z axis and that of the world [rad]."""
@@ -117,7 +85,10 @@ def in_axes_at(
     position: list[float], velocity: list[float], angle: float
 ) -> tuple[list[float], list[float]]:
     """Return a free joint's positions and velocities (6,) in axes that are turned by -`angle`."""
-    rotation = _rotation_vector(_turned(quaternion(*position[:3]), angle))
+    x, y, z, w = turned(quaternion(*position[:3]), angle)
+    sine, sign = math.hypot(x, y, z), math.copysign(1.0, w)
+    scale = sign * (2.0 * math.atan2(sine, sign * w) / sine if sine > 0.0 else 2.0)
+    rotation = scale * x, scale * y, scale * z  # of at most π
     place = rotate(position[3], position[4], angle)
     spin, speed = rotate(velocity[0], velocity[1], angle), rotate(velocity[3], velocity[4], angle)
     return [*rotation, *place, position[5]], [*spin, velocity[2], *speed, velocity[5]]
@@ -130,15 +101,7 @@ def quaternion(x: float, y: float, z: float) -> Quaternion:
     return scale * x, scale * y, scale * z, math.cos(angle / 2)
 
 
-def _rotation_vector(q: Quaternion) -> Vector:
-    """Return the rotation vector of a quaternion [rad], of at most π."""
-    x, y, z, w = q if q[3] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
-    sine = math.hypot(x, y, z)
-    scale = 2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0
-    return scale * x, scale * y, scale * z
-
-
-def _turned(q: Quaternion, angle: float) -> Quaternion:
+def turned(q: Quaternion, angle: float) -> Quaternion:
     """Return the orientation after a turn by `angle` about the vertical [rad]."""
     c, s = math.cos(angle / 2.0), math.sin(angle / 2.0)
     x, y, z, w = q

@@ -106,10 +106,10 @@ class CrowdNode(Node):
         added = list(self._passersby(tick.time_ns / 1e9, gap_s))
         before, self.motions = self.motions, self._walk(tick.time_ns / 1e9, steps, added)
         persons = [self._target(name) for name in self.targets]
-        persons += [
-            self._walker(number, motion, gap_s if number in before else None)
-            for number, motion in self.motions.items()
-        ]
+        for number, motion in self.motions.items():
+            name, height, body = f"walker_{number + 1}", self.heights[number], self.bodies[number]
+            age_s = gap_s if number in before else None
+            persons.append(_person(name, motion, height, body, age_s, self.seed, number))
         persons += added
         robots = [
             m.NamedPose(name or "robot", m.Pose.planar(odometry.pose.pose.to_planar()))
@@ -128,11 +128,9 @@ class CrowdNode(Node):
                 body = self._body(Body(height_m=config.height_m))
                 self.added[name] = AddedPerson(config, make_path(config.path), body, time)
             person = self.added[name]
-            motion = person.path.at(time - person.begin_s)
+            motion, seed = person.path.at(time - person.begin_s), seed_of(self.seed, name)
             age_s = None if is_new else gap_s
-            joints = _joints(person.body, motion, age_s, seed_of(self.seed, name))
-            pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
-            yield m.Person(name, pose, twist, config.height_m, joints)
+            yield _person(name, motion, config.height_m, person.body, age_s, seed)
 
     def _walk(self, time: float, steps: int, added: Sequence[m.Person]) -> dict[int, PersonMotion]:
         """Return the motions of walkers who are present at a time [s], by number.
@@ -184,24 +182,25 @@ class CrowdNode(Node):
         pose, twist = odometry.pose.pose, odometry.twist.twist
         return m.Person(name or "target", pose, twist, skeleton.height, skeleton.joints)
 
-    def _walker(self, number: int, motion: PersonMotion, gap_s: float | None) -> m.Person:
-        """Return a walker, `gap_s` [s] after their last sample; None in the first one."""
-        joints = _joints(self.bodies[number], motion, gap_s, self.seed, number)
-        pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
-        return m.Person(f"walker_{number + 1}", pose, twist, self.heights[number], joints)
-
     def diagnostics(self) -> dict[str, object]:
         return {"walkers": len(self.paths) + len(self.added)}
 
 
-def _joints(
-    body: WalkingPerson | None, motion: PersonMotion, gap_s: float | None, *seed: int
-) -> tuple[m.Point, ...]:
-    """Return the joints of a body, `gap_s` [s] after the last sample; None in the first one."""
-    if body is None:
-        return ()
-    posture = body.reset(motion, *seed) if gap_s is None else body.follow(motion, gap_s)
-    return tuple([m.Point(*joint) for joint in posture.joints.tolist()])
+def _person(
+    name: str,
+    motion: PersonMotion,
+    height: float,
+    body: WalkingPerson | None,
+    gap_s: float | None,
+    *seed: int,
+) -> m.Person:
+    """Return a person, `gap_s` [s] after their last sample; None in the first one."""
+    joints: tuple[m.Point, ...] = ()
+    if body is not None:
+        posture = body.reset(motion, *seed) if gap_s is None else body.follow(motion, gap_s)
+        joints = tuple([m.Point(*joint) for joint in posture.joints.tolist()])
+    pose, twist = m.Pose.planar(motion.pose), m.Twist.planar(motion.twist)
+    return m.Person(name, pose, twist, height, joints)
 
 
 def _path(scenario: Scenario, number: int, walker: Walker) -> PersonPath | None:

@@ -61,7 +61,6 @@ BLUE: Colour = (0, 114, 178)
 ORANGE: Colour = (230, 159, 0)
 GREEN: Colour = (0, 158, 115)
 PURPLE: Colour = (190, 90, 160)
-SKY: Colour = (86, 180, 233)
 RED: Colour = (213, 40, 30)
 GREY: Colour = (128, 128, 128)
 BACKGROUND: Colour = (206, 211, 218)
@@ -82,11 +81,6 @@ def path_of_robot(path: str, robot: str) -> str:
     """
     branch, slash, below = path.partition("/")
     return f"{branch}/{robot}/{below}" if robot and slash else path
-
-
-def application(robots: Sequence[str]) -> str:
-    """Return the name under which Rerun stores the user's changes of the layout."""
-    return " ".join(("mecazen", *filter(None, robots)))
 
 
 def blueprint(robots: Sequence[str]) -> rrb.Blueprint:

@@ -305,7 +305,10 @@ class Picture:
 
     def _walk(self, person: str, motion: PersonMotion, height: float) -> Floats:
         """Let a person's body walk to the pose of a motion, and return the joints (20, 3)."""
-        walker, walked_ns = self._walkers.get(person) or (_walker(round(height, 1)), -math.inf)
+        if person not in self._walkers:
+            animated_m = min(max(round(height, 1), SHORTEST_M), TALLEST_M)
+            self._walkers[person] = _solved(animated_m).twin(), -math.inf
+        walker, walked_ns = self._walkers[person]
         self._walkers[person] = walker, self.time_ns
         return walker.follow(motion, (self.time_ns - walked_ns) / 1e9).joints
 
@@ -362,10 +365,6 @@ def nees(estimate: Pose2D, truth: Pose2D, covariance: Floats) -> float:
     """
     error = np.array([estimate.x - truth.x, estimate.y - truth.y, wrap(estimate.yaw - truth.yaw)])
     return float(error @ np.linalg.solve(covariance, error))
-
-
-def _walker(height_m: float) -> WalkingPerson:
-    return _solved(min(max(height_m, SHORTEST_M), TALLEST_M)).twin()
 
 
 @cache

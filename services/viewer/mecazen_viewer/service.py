@@ -25,7 +25,7 @@ from mecazen.runtime.observer import Observer
 from mecazen.urdf import ask_description, serve_description
 from mecazen.wire import NS_PER_S, Stamp
 
-from mecazen_viewer.layout import TIMELINE, application, blueprint
+from mecazen_viewer.layout import TIMELINE, blueprint
 from mecazen_viewer.panels import StatusText
 from mecazen_viewer.picture import Picture
 from mecazen_viewer.rerun_process import RerunError, RerunServer, open_window
@@ -83,7 +83,7 @@ class ViewerService(Observer):
             self.show(robot, keys.diagnostics(part), draw)
 
     def reset(self, seed: int) -> None:
-        self.end()
+        self.close()
 
     def run(self) -> None:
         with ExitStack() as programs:
@@ -105,7 +105,7 @@ class ViewerService(Observer):
                     # during this time newer samples replace older samples, which are not decoded
                     time.sleep(FRAME_S)
             finally:
-                self.end()
+                self.close()
 
     def serve_at(self, uri: str) -> None:
         """Send the recordings of all runs to a server; attached viewers switch to the newest."""
@@ -175,7 +175,8 @@ class ViewerService(Observer):
         self.runs += 1
         scenario = self.scenario
         recording = rr.RecordingStream(
-            application(scenario.names),
+            # under this name Rerun stores the user's changes of the layout
+            " ".join(("mecazen", *filter(None, scenario.names))),
             recording_id=f"{self.stamp.run:08x}",
             batcher_config=rr.ChunkBatcherConfig(flush_tick=BATCH_S),
         )
@@ -203,9 +204,6 @@ class ViewerService(Observer):
         return recording
 
     def close(self) -> None:
-        self.end()
-
-    def end(self) -> None:
         """End the recording of a run."""
         if self.recording is not None and self.send is None:
             self.recording.flush()  # so that a widget shows all data
