@@ -218,7 +218,9 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         state = self.sim.reset(int(self.np_random.integers(2**32)) if seed is None else seed)
         self._action = np.zeros(3)
         self._sight = Sight(self.task)
-        self._start, self._scored, self._errors = state.person, 0, (0.0, 0.0)
+        self._start, self._scored = state.person, 0
+        self._errors = np.zeros(2)
+        """Sums of the errors of D_err and Θ_err [m, rad]."""
         self._look()
         return self._sight.observation(self.sim.time_s, self._action.tolist()), self._info(state)
 
@@ -233,7 +235,16 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         begin_s = self.sim.time_s
         for _ in self.sim.ticks(self.task.period_s):
             self._look()
-            self._score()
+            robot, person = (
+                self.sim.latest(topic.key) for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM)
+            )
+            assert isinstance(robot, Odometry)
+            assert isinstance(person, Odometry)
+            place = person.pose.pose.to_planar()
+            if self._scored or place != self._start:  # the scores begin when the person moves
+                error = self.follower.standoff.errors(place, robot.pose.pose.to_planar())
+                self._errors += abs(error.distance), abs(error.yaw)
+                self._scored += 1
         state, task = self.sim.state, self.task
         info = self._info(state)
         assert state.person is not None  # target takes part
@@ -266,24 +277,9 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
         assert isinstance(odom, Odometry)  # published from the first tick on
         self._sight.look(odom, self.sim.latest(keys.OBSERVATION.key))
 
-    def _score(self) -> None:
-        """Add the errors of D_err and Θ_err [m, rad] at this tick, once the person has moved."""
-        robot, person = (
-            self.sim.latest(topic.key) for topic in (keys.GROUND_TRUTH, keys.TARGET_ODOM)
-        )
-        assert isinstance(robot, Odometry)
-        assert isinstance(person, Odometry)
-        place = person.pose.pose.to_planar()
-        if self._scored or place != self._start:
-            error = self.follower.standoff.errors(place, robot.pose.pose.to_planar())
-            distance, heading = self._errors
-            self._errors = distance + abs(error.distance), heading + abs(error.yaw)
-            self._scored += 1
-
     def _info(self, state: State) -> dict[str, Any]:
         """Return the truth: time, errors, poses in world, and the scores since the reset."""
         assert state.person is not None  # target takes part
-        distance, heading = self._errors
         goal = self.follower.standoff.goal(state.person)
         info = {
             "time_s": state.time_s,
@@ -293,6 +289,7 @@ class FollowEnv(gymnasium.Env[Array, Array], EzPickle):
             "person": np.array(state.person),
         }
         if self._scored:
+            distance, heading = self._errors.tolist()
             info["d_err_m"] = distance / self._scored
             info["theta_err_deg"] = math.degrees(heading / self._scored)
         return info

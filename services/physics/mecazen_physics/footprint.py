@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mecazen.config.world import Box, Cylinder, Ridge
+from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 
 HORIZON_S = 0.02
@@ -51,11 +51,6 @@ class Footprint(NamedTuple):
         length, width, _ = obstacle.size_m
         yaw = math.radians(obstacle.yaw_deg)
         return cls(*obstacle.position_m, yaw, length / 2, width / 2)
-
-    @classmethod
-    def of_ridge(cls, ridge: Ridge) -> Footprint:
-        """Return the footprint of a ramp or sill."""
-        return cls(*ridge.middle, ridge.top / 2 + ridge.run, ridge.width / 2)
 
     @property
     def radius(self) -> float:

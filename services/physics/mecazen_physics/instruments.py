@@ -28,20 +28,12 @@ class Imu:
         self._velocity: Vector = (0.0, 0.0, 0.0)
         """Velocity in world at the last sample [m/s]."""
         self._random = Generator(PCG64((seed, 1)))
-        self._std = config.gyro_std_rad_s, config.accel_std_m_s2
-        self._walk = [
-            walk * math.sqrt(self._period_s)
-            for walk in (config.gyro_walk_rad_s, config.accel_walk_m_s2)
-        ]
-        drawn = self._random.standard_normal(6).tolist()
-        self._bias = [
-            [std * value for value in values]
-            for std, values in zip(
-                (config.gyro_bias_std_rad_s, config.accel_bias_std_m_s2),
-                (drawn[:3], drawn[3:]),
-                strict=True,
-            )
-        ]
+        # of angular velocity and force
+        self._std = np.array(((config.gyro_std_rad_s,), (config.accel_std_m_s2,)))
+        walk = np.array(((config.gyro_walk_rad_s,), (config.accel_walk_m_s2,)))
+        self._walk = walk * math.sqrt(self._period_s)
+        bias = np.array(((config.gyro_bias_std_rad_s,), (config.accel_bias_std_m_s2,)))
+        self._bias = bias * self._random.standard_normal((2, 3))
 
     def measure(self, state: RobotState, time: m.Time) -> m.Imu:
         """Return the sample of a state; call it once in each period."""
@@ -52,22 +44,18 @@ class Imu:
         ]
         self._velocity = velocity
         force = unrotate(state.orientation, change[0], change[1], change[2] + GRAVITY)
-        noise = self._random.standard_normal((2, 2, 3)).tolist()
-        measured = []
-        for kind, true in enumerate((state.angular, force)):
-            bias, std, walk = self._bias[kind], self._std[kind], self._walk[kind]
-            walked, white = noise[kind]
-            for axis in range(3):
-                bias[axis] += walk * walked[axis]
-            measured.append([t + b + std * n for t, b, n in zip(true, bias, white, strict=True)])
-        angular, linear = measured
+        noise = self._random.standard_normal((2, 2, 3))
+        self._bias += self._walk * noise[:, 0]
+        measured = np.array((state.angular, force)) + self._bias + self._std * noise[:, 1]
+        angular, linear = measured.tolist()
+        variances = (self._std**2 * np.eye(3).ravel()).tolist()
         return m.Imu(
             header=m.Header(stamp=time, frame_id="base_link"),
             orientation_covariance=NOT_MEASURED,
             angular_velocity=m.Vector3(*angular),
-            angular_velocity_covariance=tuple((self._std[0] ** 2 * np.eye(3)).ravel().tolist()),
+            angular_velocity_covariance=tuple(variances[0]),
             linear_acceleration=m.Vector3(*linear),
-            linear_acceleration_covariance=tuple((self._std[1] ** 2 * np.eye(3)).ravel().tolist()),
+            linear_acceleration_covariance=tuple(variances[1]),
         )
 
 

@@ -53,7 +53,10 @@ class SimulatedRobot:
         self.joint_names = tuple(link.joint for link in robot_links(robot) if link.axis is not None)
         """The wheels' joints and those of all rollers."""
         self._obstacles = [Footprint.of_obstacle(solid) for solid in reachable(robot, world)]
-        self._ridges = [Footprint.of_ridge(ridge) for ridge in world.ridges]
+        self._ridges = [
+            Footprint(*ridge.middle, ridge.top / 2 + ridge.run, ridge.width / 2)
+            for ridge in world.ridges
+        ]
         self.home = DartWorld(robot, physics, world)
         """The world of the robot while it is far from all other robots."""
         self.body = RobotBody(self.home, robot, start, physics, world)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from mcap.exceptions import InvalidMagic, McapError
 from mcap.records import Channel, DataEnd, Header, McapRecord, Metadata, Schema
@@ -15,10 +15,11 @@ from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding
 from mecazen.config import Scenario
-from mecazen.errors import UntrustedError
+from mecazen.errors import ConfigError, UntrustedError
 from mecazen.files import open_regular, parse_toml
+from mecazen.graph import NODES
 from mecazen.keys import TOPICS
-from mecazen.loading import renamed_in, robots_in
+from mecazen.loading import from_tables, renamed_in, robots_in
 from mecazen.messages import Message, MessageT
 from mecazen.text import printable, shortened
 from mecazen.urdf import RobotDescription, build_meshes, build_urdf
@@ -26,13 +27,14 @@ from mecazen.wire import JSON_ENCODING, NS_PER_S, RefusedError, Stamp, decode, e
 from mecazen_ros import cdr
 from zstandard import ZstdError
 
-from mecazen_recorder.configuration import read_scenario, user_programs
 from mecazen_recorder.writer import LIBRARY, RecordingError
 
 _DAMAGE = (McapError, struct.error, ZstdError, ValueError, MemoryError, OverflowError, RuntimeError)
 """Errors of the library on missing or corrupt bytes."""
 MAX_BYTES = 64 << 20
 """Maximum size of a record [bytes]."""
+WITH_FILES = ("target", "crowd", "bus")
+"""Sections that refer to files, such as a recorded walk."""
 _TYPES: dict[str, type[Message]] = {topic.type.ROS_TYPE: topic.type for topic in TOPICS}
 
 
@@ -260,3 +262,48 @@ class Recording:
         run, scenario = record.metadata.get("run", ""), record.metadata.get("scenario")
         if record.name == "run" and run.isdecimal() and scenario is not None:
             self.note_scenario(int(run), scenario)
+
+
+def read_scenario(
+    text: str, path: Path, sections: Collection[str] = (), *, trusted: bool = False
+) -> Scenario:
+    """Return a recorded scenario, with defaults for some sections unless they are named.
+
+    These are the sections `WITH_FILES`, whose files may no longer exist, and the sections of user
+    nodes. Unless the recording at `path` is trusted, programs that are not installed are left out,
+    and so are their named sections if they have settings of their own.
+
+    Raises:
+        ValueError: The text is not TOML.
+        ConfigError: The configuration is no longer valid.
+        UntrustedError: The configuration names a file, and is not trusted.
+    """
+    tables = parse_toml(text)
+    programs = tables["programs"] if isinstance(tables.get("programs"), dict) else {}
+    left_out = {} if trusted else user_programs(tables)
+    if left_out:
+        tables["programs"] = _without(programs, left_out)
+    optional = {*left_out, *programs.keys() - NODES.keys(), *WITH_FILES} - {*sections}
+    kept = _without(tables, optional)
+    if isinstance(robots := tables.get("robots"), list):
+        kept["robots"] = [_without(robot, optional) for robot in robots]
+    try:
+        return from_tables(kept, path, opens_files=trusted)
+    except ConfigError:
+        if left_out.keys().isdisjoint(sections):
+            raise
+        return read_scenario(text, path, {*sections} - left_out.keys(), trusted=trusted)
+
+
+def user_programs(tables: dict[str, Any]) -> dict[str, str]:
+    """Return the programs of a scenario that are files or modules, not installed nodes."""
+    programs = tables.get("programs")
+    named = programs.items() if isinstance(programs, dict) else ()
+    return {name: str(program) for name, program in named if ":" in str(program)}
+
+
+def _without(tables: Any, names: Collection[str]) -> Any:
+    """Return tables without some of them; another value is returned unchanged."""
+    if not isinstance(tables, dict):
+        return tables
+    return {name: table for name, table in tables.items() if name not in names}

@@ -29,8 +29,8 @@ from mecazen.runtime.process import stop_on_signals
 from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 from mecazen_ros.topics import TF
 
-from mecazen_recorder.configuration import read_scenario
 from mecazen_recorder.frames import RobotFrames
+from mecazen_recorder.reader import read_scenario
 from mecazen_recorder.writer import FLUSH_S, RecordingWriter
 
 BACKLOG_BYTES = 64 << 20

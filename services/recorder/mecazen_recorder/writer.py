@@ -128,19 +128,16 @@ class RecordingWriter:
         if isinstance(kind, str):
             metadata["zenoh_encoding"] = kind
         else:
-            encoding, schema = MessageEncoding.CDR, self._schema(kind)
+            if kind not in self._schemas:
+                self._schemas[kind] = self._mcap.register_schema(
+                    kind.ROS_TYPE, SchemaEncoding.ROS2, definition(kind).encode()
+                )
+            encoding, schema = MessageEncoding.CDR, self._schemas[kind]
         if key.startswith("/") and key.rpartition("/")[2] in LATCHED:
             metadata["offered_qos_profiles"] = LATCHED_QOS
         channel = self._mcap.register_channel(key, encoding, schema, metadata)
         self._channels[key, run, kind] = channel
         return channel
-
-    def _schema(self, kind: type[Message]) -> int:
-        if kind not in self._schemas:
-            self._schemas[kind] = self._mcap.register_schema(
-                kind.ROS_TYPE, SchemaEncoding.ROS2, definition(kind).encode()
-            )
-        return self._schemas[kind]
 
     @contextmanager
     def _reporting_errors(self) -> Iterator[None]:

@@ -10,7 +10,6 @@ from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.config.people import Body, Goal, Passerby, Recorded, Walker
 from mecazen.errors import ConfigError
-from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import GROUND_TRUTH, PEOPLE, TARGET_ODOM, TARGET_SKELETON, of_robot
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robots import seed_of
@@ -104,8 +103,15 @@ class CrowdNode(Node):
         steps = min(missed // self.period, MISSED_AT_MOST)
         gap_s = None if is_first else missed * self.scenario.sim.tick_s
         added = list(self._passersby(tick.time_ns / 1e9, gap_s))
-        before, self.motions = self.motions, self._walk(tick.time_ns / 1e9, steps, added)
-        persons = [self._target(name) for name in self.targets]
+        persons = []
+        for name, odometry in self.targets.items():
+            skeleton = self.skeletons.get(name, m.Skeleton())
+            pose, twist = odometry.pose.pose, odometry.twist.twist
+            persons.append(
+                m.Person(name or "target", pose, twist, skeleton.height, skeleton.joints)
+            )
+        before, time_s = self.motions, tick.time_ns / 1e9
+        self.motions = self._walk(time_s, steps, [*persons, *added])
         for number, motion in self.motions.items():
             name, height, body = f"walker_{number + 1}", self.heights[number], self.bodies[number]
             age_s = gap_s if number in before else None
@@ -132,10 +138,10 @@ class CrowdNode(Node):
             age_s = None if is_new else gap_s
             yield _person(name, motion, config.height_m, person.body, age_s, seed)
 
-    def _walk(self, time: float, steps: int, added: Sequence[m.Person]) -> dict[int, PersonMotion]:
+    def _walk(self, time: float, steps: int, others: Sequence[m.Person]) -> dict[int, PersonMotion]:
         """Return the motions of walkers who are present at a time [s], by number.
 
-        The time is a number of steps after the last one.
+        The time is a number of steps after the last one. They give way to all others.
         """
         motions = {
             number: path.at(time)
@@ -143,14 +149,13 @@ class CrowdNode(Node):
             if path is not None and self._is_present(number, path, time)
         }
         agents = [agent_at(*motion[:2], self.radius) for motion in motions.values()]
-        agents += [agent_at(*_planar(person), self.radius) for person in self.targets.values()]
         agents += [
             agent_at(person.pose.to_planar(), person.twist.to_planar(), self.radius)
-            for person in added
+            for person in others
         ]
-        agents += [
-            agent_at(*_planar(robot), self.reach[name]) for name, robot in self.robots.items()
-        ]
+        for name, robot in self.robots.items():
+            pose, twist = robot.pose.pose.to_planar(), robot.twist.twist.to_planar()
+            agents.append(agent_at(pose, twist, self.reach[name]))
         if self.pedestrians is None:
             obstacles, errands = self.scenario.world.solids, list(self.errands)
             if self.config.reactive is not None:
@@ -175,12 +180,6 @@ class CrowdNode(Node):
             odometry.pose.pose.to_planar().distance(place) > self.reach[name] + self.radius
             for name, odometry in self.robots.items()
         )
-
-    def _target(self, name: str) -> m.Person:
-        """Return the person whom a robot follows."""
-        odometry, skeleton = self.targets[name], self.skeletons.get(name, m.Skeleton())
-        pose, twist = odometry.pose.pose, odometry.twist.twist
-        return m.Person(name or "target", pose, twist, skeleton.height, skeleton.joints)
 
     def diagnostics(self) -> dict[str, object]:
         return {"walkers": len(self.paths) + len(self.added)}
@@ -213,7 +212,3 @@ def _path(scenario: Scenario, number: int, walker: Walker) -> PersonPath | None:
     except ConfigError as error:
         raise ConfigError(f"crowd.walkers.{number}.path: {error}") from None
     return path
-
-
-def _planar(odometry: m.Odometry) -> tuple[Pose2D, Twist2D]:
-    return odometry.pose.pose.to_planar(), odometry.twist.twist.to_planar()

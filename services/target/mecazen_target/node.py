@@ -18,7 +18,6 @@ from mecazen.keys import (
     Topic,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
-from mecazen_people.body.posture import Posture
 from mecazen_people.body.recording import height_of
 from mecazen_people.body.walker import WalkingPerson
 from mecazen_people.crowd import Agent, Pedestrians, agent_at, errand_of
@@ -64,6 +63,7 @@ class TargetNode(Node):
         self.driven = DrivenWalk(start_pose(path), timeout_s, tick_s)
         self.pedestrian: Pedestrians | None = None
         self.crowd: list[Agent] = []
+        """Those to whom the person gives way: all people but themselves."""
         if isinstance(path, people.Goal):
             world = self.scenario.world
             self.pedestrian = Pedestrians(
@@ -86,7 +86,12 @@ class TargetNode(Node):
         elif command is not None:
             self.driven.command(command.to_planar())
         if (crowd := inputs.get(PEOPLE)) is not None:
-            self.crowd = self._agents(crowd)
+            name, radius = self.scenario.robot_name or "target", self.scenario.world.person.radius_m
+            self.crowd = [
+                agent_at(person.pose.to_planar(), person.twist.to_planar(), radius)
+                for person in crowd.persons
+                if person.id != name
+            ]
         person = self.motion = self.motion_at(tick.number)
         self.truth = inputs[GROUND_TRUTH]
         outputs: dict[Topic[Any], m.Message] = {
@@ -95,23 +100,21 @@ class TargetNode(Node):
         if self.walker is not None and tick.number % self.skeleton_period == 0:
             duration_s = (tick.number - self.posed) * self.scenario.sim.tick_s
             self.posed = tick.number
-            outputs[TARGET_SKELETON] = self._skeleton(tick, self.walker.follow(person, duration_s))
+            posture = self.walker.follow(person, duration_s)
+            outputs[TARGET_SKELETON] = m.Skeleton(
+                header=m.Header(stamp=tick.time, frame_id="world"),
+                id="1",
+                height=self.height,
+                joints=tuple([m.Point(*joint) for joint in posture.joints.tolist()]),
+                angles=posture.angles,
+                phases=posture.phases,
+            )
         if self.sees_pose:
             robot = self.truth.pose.pose.to_planar()
             frame = self.sensor.observe(tick.number, robot, person.pose)
             if frame is not None:
                 outputs[OBSERVATION] = self._message(frame)
         return outputs
-
-    def _skeleton(self, tick: Tick, posture: Posture) -> m.Skeleton:
-        return m.Skeleton(
-            header=m.Header(stamp=tick.time, frame_id="world"),
-            id="1",
-            height=self.height,
-            joints=tuple([m.Point(*joint) for joint in posture.joints.tolist()]),
-            angles=posture.angles,
-            phases=posture.phases,
-        )
 
     def motion_at(self, tick: int) -> PersonMotion:
         """Return the motion at a tick, which is not before the last one."""
@@ -129,15 +132,6 @@ class TargetNode(Node):
         if self.config.gait is None or self.walker is not None:
             return motion
         return with_gait(motion, self.config.gait)
-
-    def _agents(self, crowd: m.People) -> list[Agent]:
-        """Return the people to whom the person gives way: all but themselves."""
-        robot, radius = self.scenario.robot_name or "target", self.scenario.world.person.radius_m
-        return [
-            agent_at(person.pose.to_planar(), person.twist.to_planar(), radius)
-            for person in crowd.persons
-            if person.id != robot
-        ]
 
     def _message(self, frame: SensorFrame) -> m.Observation:
         captured = m.Time.from_ns(frame.capture_tick * self.scenario.sim.tick_ns)

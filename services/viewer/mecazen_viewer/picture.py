@@ -111,7 +111,6 @@ class Picture:
         """Draw all that stays in place on the robot, without its body, and the styles."""
         statics = [
             *scene.styles(),
-            *scene.camera_above(),
             *senses.styles(),
             *panels.line_styles(panels.ROBOT_PLOTS),
         ]

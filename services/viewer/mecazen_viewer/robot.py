@@ -14,7 +14,6 @@ import rerun as rr
 from mecazen.arrays import chain, quaternions_about, quaternions_of_rpy, turn
 from mecazen.errors import RefusedError
 from mecazen.messages import JointState
-from mecazen.portable import Floats
 from mecazen.urdf import Joint, Origin, Urdf, Visual
 
 from mecazen_viewer import layout
@@ -68,14 +67,10 @@ class RobotModel:
                 positions[link] = positions[parent] + turn(rotations[parent], positions[link])
                 rotations[link] = chain(rotations[parent], rotations[link])
         for path, (visual, links) in self._instances.items():
-            yield path, _placed(visual, positions[links], rotations[links])
-
-
-def _placed(visual: Visual, positions: Floats, rotations: Floats) -> rr.InstancePoses3D:
-    """Return the poses of a visual on links at positions (N, 3) [m] and rotations (N, 4)."""
-    offsets = turn(rotations, np.broadcast_to(visual.origin.xyz, positions.shape))
-    turned = chain(rotations, quaternions_of_rpy(visual.origin.rpy))
-    return rr.InstancePoses3D(translations=positions + offsets, quaternions=turned)
+            places, origin = positions[links], visual.origin
+            places += turn(rotations[links], np.broadcast_to(origin.xyz, places.shape))
+            turned = chain(rotations[links], quaternions_of_rpy(origin.rpy))
+            yield path, rr.InstancePoses3D(translations=places, quaternions=turned)
 
 
 def _shape(visual: Visual, meshes: Mapping[str, bytes]) -> rr.AsComponents:

@@ -77,18 +77,15 @@ def surroundings(scenario: Scenario) -> Iterator[Entity]:
 
 
 def styles() -> Iterator[Entity]:
-    """Return the static styles of observations and trails."""
-    yield (
-        layout.OBSERVATION,
-        rr.Points3D.from_fields(colors=[layout.ORANGE], radii=[POINT_RADIUS]),
-    )
+    """Return the static styles of observations and trails, and the camera of the view from above.
+
+    The camera's x points right, y up.
+    """
+    observation = rr.Points3D.from_fields(colors=[layout.ORANGE], radii=[POINT_RADIUS])
+    yield layout.OBSERVATION, observation
     for name, colour in TRAIL_COLOURS.items():
         line = rr.LineStrips3D.from_fields(colors=[colour], radii=MARK_RADIUS)
         yield f"{layout.TRAILS}/{name}", line
-
-
-def camera_above() -> Iterator[Entity]:
-    """Return the camera of the view from above: x points right, y up."""
     down = rr.Quaternion(xyzw=(1.0, 0.0, 0.0, 0.0))
     yield layout.ABOVE, rr.Transform3D(translation=(0.0, 0.0, ABOVE_M), quaternion=down)
     focal = ABOVE_PX / ABOVE_WIDTH_M * ABOVE_M
