@@ -158,11 +158,6 @@ def config(scenario: ScenarioArgument, settings: Settings = None) -> None:
     typer.echo(to_toml(load(scenario, settings)), nl=False)
 
 
-@certificates_app.callback()
-def _group() -> None:
-    """Keep `create` a command of its own, although it is the only one."""
-
-
 @certificates_app.command()
 def create(
     folder: Annotated[

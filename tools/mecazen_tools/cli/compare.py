@@ -15,7 +15,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from mecazen_tools import drawing
-from mecazen_tools.cli.options import ScenarioArgument, Settings, print_table
+from mecazen_tools.cli.options import ScenarioArgument, Settings, console
 from mecazen_tools.cli.simulate import progress
 
 if TYPE_CHECKING:
@@ -108,6 +108,6 @@ def _print(result: Comparison, digits: Mapping[str, int]) -> None:
             for key in digits
         ]
         table.add_row(*map(Text, (f"{name} − {result.reference}", str(count), *cells)))
-    print_table(table, 120)
+    console(120).print(table)
     few = f"; no verdict below {LEAST_UNITS} seeds" if count < LEAST_UNITS else ""
     typer.echo(f"means with 95 % t intervals over {count} seeds, differences seed by seed{few}")

@@ -21,7 +21,7 @@ from rich.table import Column, Table
 from rich.text import Text
 from typer import Argument, Option
 
-from mecazen_tools.cli.options import Settings, load, print_table, receive, tool_bus
+from mecazen_tools.cli.options import Settings, console, load, receive, tool_bus
 from mecazen_tools.publishers import Programs
 
 LIVE_S = 1.0
@@ -125,7 +125,7 @@ def graph(
         process = process_of.get(row.name, row.name)
         place = row.name if process == row.name else f"{row.name}\nin {process}"
         table.add_row(*map(Text, (place, takes(row, "\n"), gives(row, "\n", loaded))))
-    print_table(table, 160)
+    console(160).print(table)
 
 
 def topics(
@@ -152,7 +152,7 @@ def topics(
     table.add_section()
     for key, message, *cells in call_rows(nodes):
         table.add_row(*map(Text, (key, message.replace("/msg", ""), *cells)))
-    print_table(table, 200)
+    console(200).print(table)
 
 
 def _live(

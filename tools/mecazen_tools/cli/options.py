@@ -23,7 +23,6 @@ from mecazen.loading import (
 )
 from mecazen.messages import Empty
 from rich.console import Console
-from rich.table import Table
 from typer import Argument, Option
 
 ScenarioArgument = Annotated[
@@ -79,11 +78,6 @@ def console(width: int) -> Console:
     """Return the terminal, or else a console of a `width` [characters] for tables."""
     terminal = Console()
     return terminal if terminal.is_terminal else Console(width=width)
-
-
-def print_table(table: Table, width: int) -> None:
-    """Print a table to the terminal, or as text of a `width` [characters]."""
-    console(width).print(table)
 
 
 def load(scenario: str, settings: list[str] | None) -> Scenario:

@@ -26,11 +26,6 @@ SMOOTHING_S = 0.8
 app = typer.Typer(no_args_is_help=True, help="Recorded people, to follow and as a crowd.")
 
 
-@app.callback()
-def _group() -> None:
-    """Keep `import` a command of its own, although it is the only one."""
-
-
 @app.command("import")
 def import_(
     file: Annotated[

@@ -26,7 +26,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import Argument, Option
 
-from mecazen_tools.cli.options import print_table, tool_bus
+from mecazen_tools.cli.options import console, tool_bus
 
 STEP_TIMEOUT_S = 3600.0
 
@@ -131,7 +131,7 @@ def list_(
         value = parameter.value or "left out"
         cells = parameter.name, value, parameter.unit, parameter.allowed
         table.add_row(*(Text(printable(cell)) for cell in cells))
-    print_table(table, 160)
+    console(160).print(table)
 
 
 @param_app.command()
