@@ -14,7 +14,7 @@ import termios
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
 from mecazen import keys
@@ -24,7 +24,7 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.keys import Topic, of_robot
 from mecazen.loading import renamed_in
-from mecazen.messages import Odometry, Twist
+from mecazen.messages import Twist
 from mecazen.robots import join_key
 from mecazen.text import printable
 from rich.console import Console, Group
@@ -156,62 +156,48 @@ def find_gamepad() -> tuple[Callable[[], Twist2D], str]:
     return twist, f"gamepad {pad.name}: the left stick moves, the right one turns"
 
 
-class Role(NamedTuple):
-    """The driven body: a robot or its person."""
-
-    command: Topic[Twist]
-    odometry: Topic[Odometry]
-    service: str
-    """The service that obeys the commands."""
-
-
-ROBOT = Role(keys.CMD_VEL, keys.ODOM, "controller")
-PERSON = Role(keys.TARGET_CMD_VEL, keys.TARGET_ODOM, "target")
-
-
 class Remote:
     """Commands a robot or a person, and collects their state.
 
     Args:
         bus: The bus of all robots.
-        role: Whether the robot or the person is driven.
         robot: Name of the robot, if there are several.
+        person: Whether the person is driven.
 
     Raises:
         ConfigError: There is no robot of this name.
     """
 
-    def __init__(self, bus: ZenohBus, role: Role, robot: str) -> None:
+    def __init__(self, bus: ZenohBus, robot: str, *, person: bool) -> None:
         scenario = scenario_at(bus)
         robots = [str(robot["name"]) for robot in scenario.get("robots", ())]
         if scenario and robot not in (robots or [""]):
             names = ", ".join(map(printable, robots)) or "one without a name"
             raise ConfigError(f"--robot {robot or 'is needed'}: there is {names}")
         bus.renamed = renamed_in(scenario)
-        self._bus = bus
-        self._role = role
-        self._robot = robot
+        self._bus, self._person = bus, person
+        self._command = of_robot(keys.TARGET_CMD_VEL if person else keys.CMD_VEL, robot)
+        self._odometry = of_robot(keys.TARGET_ODOM if person else keys.ODOM, robot)
+        self._guard = of_robot(keys.GUARD_STATE, robot)
         self._sent: Twist | None = None
         self._newest: dict[Topic[Any] | str, tuple[float, Any]] = {}
         """Arrival time [s] and content of the newest message; `FOLLOWER`: of the follower's."""
-        self._service = join_key(role.service, robot)
+        self._service = join_key("target" if person else "controller", robot)
         bus.presence.known = {self._service}
         bus.declare_alive(TELEOP, robot)
-        topics: list[Topic[Any]] = [role.command, role.odometry]
-        if role is ROBOT:
-            topics.append(keys.GUARD_STATE)
-        for topic in topics:
-            bus.subscribe(of_robot(topic, robot), partial(self._take, topic))
+        topics: list[Topic[Any]] = [self._command, self._odometry]
+        for topic in topics if person else [*topics, self._guard]:
+            bus.subscribe(topic, partial(self._take, topic))
 
     def send(self, twist: Twist2D, *, stops: bool = False) -> None:
         """Publish a motion, the rest after it, and any command that `stops`.
 
         A person gets the first rest only; a robot all, so that no follower drives until the end.
         """
-        holds = self._sent is not None and (self._role is ROBOT or self._sent != Twist())
+        holds = self._sent is not None and not (self._person and self._sent == Twist())
         if any(twist) or holds or stops:
             self._sent = Twist.planar(twist)
-            self._bus.publisher(of_robot(self._role.command, self._robot)).put(self._sent, None)
+            self._bus.publisher(self._command).put(self._sent, None)
 
     def end(self) -> None:
         """Stop the driven body if it has been driven."""
@@ -220,23 +206,21 @@ class Remote:
 
     def text(self) -> str:
         """Return pose and speed of the driven body, and the state of the guard."""
-        odometry = self._recent(self._role.odometry)
+        odometry, guard = self._recent(self._odometry), self._recent(self._guard)
         if odometry is None:
-            return f"no {self._bus.key_of(of_robot(self._role.odometry, self._robot))}"
+            return f"no {self._bus.key_of(self._odometry)}"
         x, y, yaw = odometry.pose.pose.to_planar()
         speed = math.hypot(*odometry.twist.twist.to_planar()[:2])
         pose = f"x {x:+.2f} y {y:+.2f} m {math.degrees(yaw):+4.0f}°  {speed:.2f} m/s"
-        guard = self._recent(keys.GUARD_STATE)
         return pose if guard is None else f"{pose}  guard: {printable(guard.state)}"
 
     def note(self) -> str:
         """Return the reason why commands are not obeyed; empty if they are."""
-        key = self._bus.key_of(of_robot(self._role.command, self._robot))
+        key, guard = self._bus.key_of(self._command), self._recent(self._guard)
         if self._service not in self._bus.presence.names:
             return f"nobody listens to {key}: is `mecazen up teleop` running?"
-        if self._recent(self._role.command) is not None:
+        if self._recent(self._command) is not None:
             return f"another program drives on {key} as well: `mecazen topics --live` names it"
-        guard = self._recent(keys.GUARD_STATE)
         if guard is not None and guard.reason:
             return f"guard lets {guard.factor:.0%} through: {printable(guard.reason)}"
         if self._sent is not None and self._recent(FOLLOWER) is not None:
@@ -244,7 +228,7 @@ class Remote:
         return ""
 
     def _take(self, topic: Topic[Any], message: object, stamp: object) -> None:
-        is_follower = topic is keys.CMD_VEL and stamp is not None
+        is_follower = topic is self._command and stamp is not None and not self._person
         if message is not self._sent:  # a command of this client returns as the same object
             self._newest[FOLLOWER if is_follower else topic] = time.monotonic(), message
 
@@ -271,7 +255,7 @@ def teleop(
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ConfigError("teleop needs a terminal; `mecazen pub cmd_vel` drives without one")
     with tool_bus(context) as bus:
-        remote = Remote(bus, PERSON if person else ROBOT, robot)
+        remote = Remote(bus, robot, person=person)
         stick, about = find_gamepad()
         for number in (signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.default_int_handler)
