@@ -1,11 +1,11 @@
-"""One run as a figure: seen from above, and its errors and velocities over time."""
+"""Runs as figures: seen from above, and over time; of compared followers also their measures."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import cycle, product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib import style
@@ -21,6 +21,9 @@ from mecazen_tools.drawing import COLUMN_IN, DASHES, ORANGE, PALETTE, STYLE, dra
 from mecazen_tools.table import Table, deviations
 from mecazen_tools.trajectory import LOST, TWIST, Trajectory, sentence
 
+if TYPE_CHECKING:
+    from mecazen_tools.comparison import Comparison, Runs
+
 ARROWS = 12
 """Number of arrows along the path of each robot."""
 LEGEND_COLUMNS = 7
@@ -32,6 +35,8 @@ SHADES = {"#f5e6c0": ("coasting",), "#f0c0b0": LOST}
 ERRORS = {"distance\nerror [m]": 0.05, "heading\nerror [°]": 2.0}
 VELOCITIES = {"vx [m/s]": 0.1, "vy [m/s]": 0.1, "wz [rad/s]": 0.1}
 """The panels over time with the minimum range of their axes: rounding must not look like motion."""
+DOTS: dict[str, Any] = {"markersize": 2.5, "alpha": 0.5, "markeredgewidth": 0.0}
+MEAN: dict[str, Any] = {"fmt": "_", "ms": 5.0, "capsize": 1.5, "lw": 0.7}
 
 
 class Course(NamedTuple):
@@ -74,7 +79,7 @@ def draw(runs: Sequence[Course], scenario: Scenario, title: str) -> Figure:
         grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
         above = figure.add_subplot(grid[0])
         panels = list(grid[1].subgridspec(len(names), 1).subplots(sharex=True, squeeze=False)[:, 0])
-        draw_above(above, runs, scenario, title)
+        _draw_above(above, runs, scenario, title)
         for colour, course in zip(cycle(PALETTE), runs, strict=False):
             table = course.table
             if _followed(course):
@@ -99,11 +104,54 @@ def draw(runs: Sequence[Course], scenario: Scenario, title: str) -> Figure:
         lost = (f"{course.name} {course.lost}".lstrip() for course in runs if course.lost)
         figure.supxlabel("\n".join(lost), fontsize="medium")
         figure.align_ylabels(panels)
-        draw_legend(figure, above, panels[-1])
+        _draw_legend(figure, above, panels[-1])
     return figure
 
 
-def draw_above(axes: Axes, runs: Sequence[Course], scenario: Scenario, title: str) -> None:
+def draw_comparison(
+    result: Comparison, runs: Runs, scenario: Scenario, measured: Iterable[str]
+) -> Figure:
+    """Return the figure of compared followers.
+
+    It shows the paths of the first seed, the errors over time as means with the range of all seeds,
+    and the measures of all seeds with their means and 95 % intervals.
+    """
+    standoff, first = scenario.follower.standoff, min(result.seeds)
+    tables = {name: seeds[first].table for name, seeds in runs.items()}
+    with style.context(STYLE):
+        figure = Figure(figsize=(2.4 * COLUMN_IN, 1.1 * COLUMN_IN), layout="constrained")
+        axes_of = figure.subplot_mosaic("ABD;ACE", width_ratios=(1.2, 1.0, 0.7))
+        above, *panels = (axes_of[name] for name in "ABCDE")
+        distances, headings, *measures = panels
+        courses = [Course(name, table, standoff) for name, table in tables.items() if table]
+        _draw_above(above, courses, scenario, result.scenario)
+        for place, (colour, name) in enumerate(zip(cycle(PALETTE), runs, strict=False)):
+            seeds = runs[name].values()
+            distance, heading = np.array([run.errors for run in seeds]).swapaxes(0, 1)
+            for axes, error in ((distances, distance), (headings, np.degrees(heading))):
+                t = np.arange(error.shape[1]) * scenario.sim.tick_s
+                axes.fill_between(t, error.min(0), error.max(0), color=colour, alpha=0.2, lw=0.0)
+                axes.plot(t, error.mean(0), color=colour, lw=0.7)
+            for axes, measure in zip(measures, measured, strict=False):
+                values = [run.measures[measure] for run in seeds if measure in run.measures]
+                axes.plot([place] * len(values), values, "o", color=colour, **DOTS)
+                if (mean := result.means[name].get(measure)) is not None:
+                    half = [[mean.high - mean.mean]] * 2
+                    axes.errorbar([place + 0.25], [mean.mean], half, **MEAN | {"color": colour})
+        for axes, label in zip(panels, (*ERRORS, *measured), strict=False):
+            axes.set_ylabel(label)
+        for axes in (distances, headings):
+            axes.axhline(0.0, **WANTED)
+        for axes in measures:
+            axes.set(xlim=(-0.5, len(runs) - 0.25), ylim=(0.0, None), xticks=[])
+        distances.tick_params(labelbottom=False)
+        headings.set_xlabel("t [s]")
+        figure.align_ylabels(panels)
+        _draw_legend(figure, above)
+    return figure
+
+
+def _draw_above(axes: Axes, runs: Sequence[Course], scenario: Scenario, title: str) -> None:
     """Draw obstacles, paths and goals from above."""
     _draw_world(axes, scenario)
     for colour, course in zip(cycle(PALETTE), runs, strict=False):
@@ -112,7 +160,7 @@ def draw_above(axes: Axes, runs: Sequence[Course], scenario: Scenario, title: st
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def draw_legend(figure: Figure, *panels: Axes) -> None:
+def _draw_legend(figure: Figure, *panels: Axes) -> None:
     """Draw the legend of some panels above all of them, where it covers nothing."""
     artists = (artist for axes in panels for artist in (*axes.lines, *axes.collections))
     lines = {str(artist.get_label()): artist for artist in artists}

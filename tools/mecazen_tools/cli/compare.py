@@ -76,10 +76,11 @@ def compare(
     else:
         _print(result, comparison.MEASURES)
     if output is not None:
-        from mecazen_tools import comparison_figure  # noqa: PLC0415  # Matplotlib is an extra
+        from mecazen_tools.run_figure import draw_comparison  # noqa: PLC0415  # an extra
 
         loaded = load_scenario(path, candidates[result.reference])
-        drawing.save(comparison_figure.draw(runs, loaded, path.stem), output, "-o")
+        figure = draw_comparison(result, runs, loaded, comparison.MEASURES)
+        drawing.save(figure, output, "-o")
         if not as_json:
             typer.echo(f"picture: {output}")
 
