@@ -23,7 +23,7 @@ from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.service import free_name
 from mecazen_recorder.writer import RecordingError, RecordingWriter
 from mecazen_tools.cli import main
-from mecazen_tools.recording_info import inspect
+from mecazen_tools.recorded import inspect
 from recorder.conftest import Net
 from recorder.ticks import odometry, stamp_of, tick
 

@@ -14,7 +14,7 @@ from mecazen.loading import load_scenario, parse_settings, with_settings
 from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_tools.cli.app import app
-from mecazen_tools.recording_info import inspect
+from mecazen_tools.recorded import inspect
 from mecazen_tools.simulate import collect
 from mecazen_tools.simulation import Simulation
 from typer.testing import CliRunner

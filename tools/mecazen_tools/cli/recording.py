@@ -213,7 +213,7 @@ def info(
     """Show the contents of a recording: runs, keys, counts, rates and gaps."""
     from mecazen_recorder.foreign import open_recording
 
-    from mecazen_tools.recording_info import inspect
+    from mecazen_tools.recorded import inspect
 
     recording = open_recording(file, topics)
     contents = inspect(recording)
