@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
 import tomli_w
 import typer
 from mecazen.errors import ConfigError
 from mecazen.explain import suggestion
 from mecazen.geometry import Pose2D
+from mecazen.portable import Floats
+from mecazen_people.dataset import read_people, walked_m
 from typer import Argument, Option
 
 from mecazen_tools import files
-
-if TYPE_CHECKING:
-    from mecazen.portable import Floats
 
 STANDOFF_M = 1.2
 """Standoff behind the person, also at the start [m]."""
@@ -68,8 +68,6 @@ def import_(
     Examples: mecazen people import obsmat.txt --target 171 ·
     mecazen people import hall.csv -o hall.toml
     """
-    from mecazen_people.dataset import read_people, walked_m  # noqa: PLC0415  # help needs no NumPy
-
     tracks = read_people(file, sample)
     if target is None:
         target = max(tracks, key=lambda person: walked_m(tracks[person]))
@@ -108,8 +106,7 @@ def import_(
 
 def _scenario(tracks: dict[str, Floats], target: str, folder: Path) -> dict[str, Any]:
     """Return the tables of a scenario with the tracks of people, which begin after time 0."""
-    import numpy as np  # noqa: PLC0415
-    from mecazen_people.recorded import RecordedWalk  # noqa: PLC0415
+    from mecazen_people.recorded import RecordedWalk  # noqa: PLC0415  # imports SciPy
 
     paths = {}
     for person, track in tracks.items():

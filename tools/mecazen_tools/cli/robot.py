@@ -12,8 +12,10 @@ from mecazen.robot import Robot
 from rich.table import Table
 from typer import Argument, Option
 
-from mecazen_tools import files
+from mecazen_tools import drawing, files
 from mecazen_tools.cli.options import console
+from mecazen_tools.description import read_description
+from mecazen_tools.robot_import import Controller, controller_of, import_robot, read_controller
 
 app = typer.Typer(no_args_is_help=True, help="Your robot: its description, drawing and gains.")
 
@@ -60,14 +62,6 @@ def import_(
     Examples: mecazen robot import my_robot.urdf ·
     mecazen robot import my_robot.urdf.xacro --arg use_sim:=true --controller controllers.yaml
     """
-    from mecazen_tools.description import read_description  # noqa: PLC0415  # help needs no NumPy
-    from mecazen_tools.robot_import import (  # noqa: PLC0415
-        Controller,
-        controller_of,
-        import_robot,
-        read_controller,
-    )
-
     pairs = [argument.partition(":=") for argument in arguments or ()]
     for pair, argument in zip(pairs, arguments or (), strict=True):
         if not pair[1] or not pair[0]:
@@ -110,8 +104,6 @@ def show(
 
     Example: mecazen robot show my_robot.toml
     """
-    from mecazen_tools import drawing  # noqa: PLC0415  # help needs no NumPy
-
     loaded = load_table(file := given_file(robot, "robot"), Robot)
     picture = output or Path(f"{loaded.name}.png")
     drawing.refuse_undrawable(picture, "--output")
