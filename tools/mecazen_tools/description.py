@@ -23,6 +23,8 @@ TINY = 1e-9
 """Mass and inertia that MuJoCo needs of links without any [kg, kg·m²]."""
 NO_LIMIT = 1e9
 """Limit from which there is none."""
+TURNING = ("revolute", "continuous")
+"""Types of joints in SDF that turn."""
 MODEL = "__model__"
 """SDF's name of the frame of a model."""
 SIZES = ("size", "radii", "radius", "length")
@@ -51,35 +53,24 @@ class Shape(NamedTuple):
         return np.asarray((abs(self.rotation) * halves).sum(axis=1))
 
 
-class Joint(NamedTuple):
-    """A joint between a part and its parent."""
-
-    name: str
-    parent: str
-    effort: float | None = None
-    """Limit [N·m]; None: unlimited, or not in the file."""
-    speed: float | None = None
-    """Limit [rad/s]."""
-    axis: Floats | None = None
-    """Axis in the model's frame, if the file has it in that frame."""
-
-
 class Part(NamedTuple):
     """A link or body, in the model's frame with all joints at zero."""
 
     name: str
     parent: str
     """Empty for a root."""
-    joint: str
-    effort: float | None
-    speed: float | None
-    axis: Floats | None
-    """Axis of a joint that turns."""
     place: Floats
     rotation: Floats
     mass: float
     shapes: tuple[Shape, ...]
-    damping: float
+    joint: str = ""
+    effort: float | None = None
+    """Limit of the joint [N·m]; None: unlimited, or not in the file."""
+    speed: float | None = None
+    """Limit of the joint [rad/s]."""
+    axis: Floats | None = None
+    """Axis of a joint that turns."""
+    damping: float = 0.0
 
     @property
     def axle(self) -> Floats | None:
@@ -219,8 +210,8 @@ def _expanded(path: Path, arguments: Mapping[str, str]) -> str:
         raise ConfigError(printable(f"{path}: xacro: {problem or type(error).__name__}")) from None
 
 
-def _joints(model: ET.Element) -> dict[str, Joint]:
-    """Return the joints of a URDF, or of a model of SDF, by their children."""
+def _joints(model: ET.Element) -> dict[str, dict[str, Any]]:
+    """Return what the joints of a URDF, or of a model of SDF, say about each child's `Part`."""
 
     def limit(joint: ET.Element, name: str) -> float | None:
         urdf = joint.find("limit")
@@ -228,15 +219,19 @@ def _joints(model: ET.Element) -> dict[str, Joint]:
         value = float(sdf if urdf is None else urdf.get(name, "0"))
         return value if 0.0 < value < NO_LIMIT else None
 
-    joints = {}
+    joints: dict[str, dict[str, Any]] = {}
     for joint in model.findall("joint"):
         ends = [joint.find(tag) for tag in ("child", "parent")]
         child, parent = ("" if end is None else end.get("link") or end.text or "" for end in ends)
-        xyz, axis = joint.find("axis/xyz"), None
-        if xyz is not None and xyz.get("expressed_in") == MODEL:
-            axis = np.array((xyz.text or "").split(), float)
-        limits = limit(joint, "effort"), limit(joint, "velocity")
-        joints[child] = Joint(joint.get("name", ""), parent, *limits, axis)
+        joints[child] = {
+            "joint": joint.get("name", ""),
+            "parent": parent,
+            "effort": limit(joint, "effort"),
+            "speed": limit(joint, "velocity"),
+        }
+        xyz = joint.find("axis/xyz")
+        if xyz is not None and xyz.get("expressed_in") == MODEL and joint.get("type") in TURNING:
+            joints[child]["axis"] = np.array((xyz.text or "").split(), float)
     return joints
 
 
@@ -271,7 +266,7 @@ def _mjcf(model: ET.Element) -> str:
             body[-1].attrib |= {"type": geometry.tag, "size": " ".join(map(str, numbers))}
     for joint in model.findall("joint"):
         child, axis = bodies.get(joint.findtext("child", "")), joint.findtext("axis/xyz", "0 0 1")
-        if child is not None and joint.get("type") in ("revolute", "continuous"):
+        if child is not None and joint.get("type") in TURNING:
             ET.SubElement(child, "joint", axis=axis)
     return ET.tostring(root, encoding="unicode")
 
@@ -322,8 +317,8 @@ def _parts(path: Path, root: ET.Element, model: ET.Element) -> dict[str, Part]:
 
     names = [compiled.body(index).name or f"body {index}" for index in range(compiled.nbody)]
     hinges = {
-        int(compiled.jnt_bodyid[joint]): joint
-        for joint in range(compiled.njnt)
+        int(body): {"joint": compiled.joint(joint).name or names[body], **_hinge(data, joint)}
+        for joint, body in enumerate(compiled.jnt_bodyid)
         if compiled.jnt_type[joint] == HINGE
     }
     shapes: dict[int, list[Shape]] = {}
@@ -333,31 +328,24 @@ def _parts(path: Path, root: ET.Element, model: ET.Element) -> dict[str, Part]:
         shapes.setdefault(int(body), []).append(shape)
     parts = {}
     for index, name in enumerate(names[1:], 1):
-        hinge, parent = hinges.get(index), int(compiled.body_parentid[index])
-        joint = joints.get(name, Joint("", names[parent] if parent else ""))
-        if is_mjcf and hinge is not None:
-            limits = _actuated(compiled, hinge)
-            joint = Joint(compiled.joint(hinge).name or name, joint.parent, *limits)
-        axis = None if hinge is None else data.xaxis[hinge].copy()
-        mass = float(compiled.body_mass[index])
+        parent, mass = int(compiled.body_parentid[index]), float(compiled.body_mass[index])
+        # URDF and SDF say more about joints than MuJoCo reads
+        joint: dict[str, Any] = {"parent": names[parent] if parent else ""}
+        joint |= hinges.get(index, {}) | joints.get(name, {})
         parts[name] = Part(
             name,
-            joint.parent,
-            joint.name,
-            joint.effort,
-            joint.speed,
-            axis if joint.axis is None or axis is None else joint.axis,
-            data.xpos[index].copy(),
-            data.xmat[index].reshape(3, 3).copy(),
-            mass if mass > TINY else 0.0,
-            tuple(shapes.get(index, ())),
-            0.0 if hinge is None else float(compiled.dof_damping[compiled.jnt_dofadr[hinge]]),
+            place=data.xpos[index].copy(),
+            rotation=data.xmat[index].reshape(3, 3).copy(),
+            mass=mass if mass > TINY else 0.0,
+            shapes=tuple(shapes.get(index, ())),
+            **joint,
         )
     return parts
 
 
-def _actuated(model: Any, joint: int) -> tuple[float | None, float | None]:
-    """Return the limits of torque [N·m] and speed [rad/s] of a joint of MJCF."""
+def _hinge(data: Any, joint: int) -> dict[str, Any]:
+    """Return axis, damping and limits of a joint that turns."""
+    model = data.model
     effort, speed = model.jnt_actfrcrange[joint][1], 0.0
     for index in range(model.nu):
         if model.actuator_trnid[index][0] == joint:
@@ -367,4 +355,9 @@ def _actuated(model: Any, joint: int) -> tuple[float | None, float | None]:
                 speed = highest
             else:
                 effort = effort or highest * gear * model.actuator_gainprm[index][0]
-    return float(effort) or None, float(speed) or None
+    return {
+        "axis": data.xaxis[joint].copy(),
+        "damping": float(model.dof_damping[model.jnt_dofadr[joint]]),
+        "effort": float(effort) or None,
+        "speed": float(speed) or None,
+    }
