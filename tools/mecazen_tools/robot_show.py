@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from matplotlib import style
 from matplotlib.axes import Axes
@@ -26,20 +25,15 @@ TOP_SPEED = 0.25
 """Speed of the wheels in a check, as a share of their highest."""
 
 
-class Gain(NamedTuple):
-    """Speed of a robot over its commanded speed."""
-
-    check: str
-    measured: float
-    formula: float
-
-
-def gains(robot: Robot, file: Path) -> Iterator[Gain]:
+def gains(robot: Robot, file: Path) -> Iterator[tuple[str, float, float]]:
     """Drive a robot forward, to the left, on the spot and diagonally in physics.
 
     A check lasts as long as whole rollers pass the ground, as gains vary within each. In the
     diagonal check two wheels stand, so cos θ of `lateral_gain` is that of the others only: the gain
     is the mean of 2 cos θ/(1 + cos θ) over |θ| ≤ α = π/N, 2 - 2 tan(α/2)/α.
+
+    Yields:
+        The check, and the robot's speed over the commanded speed, measured and by the formula.
     """
     arc = math.pi / robot.rollers.count
     rim, cross = TOP_SPEED * robot.wheels.max_speed_rad_s * robot.wheels.radius_m, robot.cross_gain
@@ -68,11 +62,11 @@ def gains(robot: Robot, file: Path) -> Iterator[Gain]:
                 before = pose
         seconds = ARCS * ticks * tick_s
         if check == "turn":
-            yield Gain(check, turned / (twist.yaw * seconds), formula)
+            yield check, turned / (twist.yaw * seconds), formula
         else:
             moved = start.between(before)
             along = moved.x * twist.x + moved.y * twist.y
-            yield Gain(check, along / (math.hypot(twist.x, twist.y) ** 2 * seconds), formula)
+            yield check, along / (math.hypot(twist.x, twist.y) ** 2 * seconds), formula
 
 
 def draw(robot: Robot) -> Figure:

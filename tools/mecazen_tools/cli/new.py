@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import keyword
 import re
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from mecazen.errors import ConfigError
@@ -23,27 +22,17 @@ TEMPLATES = Path(__file__).parents[1] / "templates"
 WIDTH = 100
 
 
-class Kind(StrEnum):
-    """The kinds of files that `mecazen new` writes."""
-
-    FOLLOWER = "follower"
-    SENSOR = "sensor"
-    ROBOT = "robot"
-    PROCESS = "process"
-    STUDY = "study"
-
-
-COMMANDS = {
-    Kind.FOLLOWER: (
+Kind = Literal["follower", "sensor", "robot", "process", "study"]
+"""The kinds of files that `mecazen new` writes."""
+COMMANDS: dict[Kind, tuple[str, ...]] = {
+    "follower": (
         "mecazen up back --set programs.follower={file}:{type}",
         "mecazen compare back {file}:{type} default",
     ),
-    Kind.SENSOR: (
-        "mecazen simulate back --set programs.{name}={file}:{type} --record {name}.mcap",
-    ),
-    Kind.ROBOT: ("mecazen simulate back --set robot={file}",),
-    Kind.PROCESS: ("mecazen up back --without follower", "python {file}"),
-    Kind.STUDY: ("mecazen experiment run {file}",),
+    "sensor": ("mecazen simulate back --set programs.{name}={file}:{type} --record {name}.mcap",),
+    "robot": ("mecazen simulate back --set robot={file}",),
+    "process": ("mecazen up back --without follower", "python {file}"),
+    "study": ("mecazen experiment run {file}",),
 }
 """The commands that use each file."""
 
@@ -77,12 +66,8 @@ def scenarios() -> None:
     """
     table = Table(Column("scenario", no_wrap=True), "what happens")
     for file in sorted(scenario_path("back").parent.glob("*.toml")):
-        table.add_row(*map(Text, (file.stem, first_sentence(file.read_text()))))
+        (comment,) = re.findall(r"\A((?:#.*\n)*)", file.read_text())
+        words = " ".join(line.lstrip("# ") for line in comment.splitlines())
+        sentence = re.split(r"(?<=\.) ", words)[0]
+        table.add_row(*map(Text, (file.stem, sentence)))
     console(WIDTH).print(table)
-
-
-def first_sentence(text: str) -> str:
-    """Return the first sentence of the comment at the beginning of a TOML file."""
-    (comment,) = re.findall(r"\A((?:#.*\n)*)", text)
-    words = " ".join(line.lstrip("# ") for line in comment.splitlines())
-    return re.split(r"(?<=\.) ", words)[0]

@@ -112,6 +112,6 @@ def show(
     drawing.save(draw(loaded), picture, "--output")
     typer.echo(f"{picture}: written")
     table = Table("drive", "speed / commanded", "formula")
-    for gain in gains(loaded, file):
-        table.add_row(gain.check, f"{gain.measured:.4f}", f"{gain.formula:.4f}")
+    for check, measured, formula in gains(loaded, file):
+        table.add_row(check, f"{measured:.4f}", f"{formula:.4f}")
     console(100).print(table)

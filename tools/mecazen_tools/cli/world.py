@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec.inspect as mi
 import typer
@@ -24,17 +23,10 @@ app = typer.Typer(
 )
 
 
-class Kind(StrEnum):
-    """Kinds of additions."""
-
-    BOX = "box"
-    PERSON = "person"
-
-
 @app.command()
 def add(
     context: typer.Context,
-    kind: Kind,
+    kind: Literal["box", "person"],
     name: Annotated[str, Argument(metavar="NAME", help="A new name, e.g. crate.")],
     at: Annotated[
         tuple[float, float], Option("--at", metavar="X Y", help="Its place in the world in metres.")
@@ -56,9 +48,9 @@ def add(
     """
     box = {"size_m": size, "position_m": at, "yaw_deg": yaw}
     path = {"kind": "standing", "x_m": at[0], "y_m": at[1], "yaw_deg": yaw}
-    thing: dict[str, Any] = {"kind": kind.value, **(box if kind is Kind.BOX else {"path": path})}
+    thing: dict[str, Any] = {"kind": kind, **(box if kind == "box" else {"path": path})}
     for key, value in parse_settings(settings or ()).items():
-        override(thing, mi.type_info(Box if kind is Kind.BOX else Passerby), key, value)
+        override(thing, mi.type_info(Box if kind == "box" else Passerby), key, value)
     _set(context, {name: thing})
 
 
