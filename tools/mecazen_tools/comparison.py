@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from mecazen.config import Scenario
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.programs import find
@@ -89,17 +88,13 @@ def candidates(path: Path, followers: Sequence[str], overrides: Sequence[str]) -
         else:
             texts = [f"programs.follower={follower}"]
         settings[name] = parse_settings([*overrides, *texts])
-        _refuse_incomparable(load_scenario(path, settings[name]), path)
+        scenario = load_scenario(path, settings[name])
+        if scenario.robots:
+            raise ConfigError(f"{path.stem}: compare takes a scenario of one robot")
+        if missing := {"follower", "target"} - {*scenario.services}:
+            raise ConfigError(f"{path.stem}: nothing to compare without the service {min(missing)}")
+        find("follower", scenario.programs)
     return settings
-
-
-def _refuse_incomparable(scenario: Scenario, path: Path) -> None:
-    if scenario.robots:
-        raise ConfigError(f"{path.stem}: compare takes a scenario of one robot")
-    for service in ("follower", "target"):
-        if service not in scenario.services:
-            raise ConfigError(f"{path.stem}: nothing to compare without the service {service}")
-    find("follower", scenario.programs)
 
 
 def run_all(path: Path, settings: Mapping[str, Any], seeds: Sequence[int], done: Progress) -> Runs:

@@ -24,7 +24,9 @@ def warnings(scenario: Scenario) -> Iterator[str]:
     """Yield a line for each thing that a robot with a follower can't do with its person."""
     for name in scenario.names if "follower" in scenario.services else ():
         part, begin = scenario.of(name), f"{name}: " if name else ""
-        speed_m_s = _max_speed_m_s(part)
+        drive = Drive.from_scenario(part)
+        highest_m_s = max(axis.velocity for axis in drive.axes[:2])
+        speed_m_s = min(drive.rim_speed / min(drive.sideways, 1.0), highest_m_s)
         if isinstance(path := part.target.path, SteadyWalk) and path.speed_m_s > speed_m_s:
             problem = f"the person is faster than the robot, which reaches {speed_m_s:.2f} m/s"
             yield f"{begin}target.path.speed_m_s = {path.speed_m_s:g}: {problem}"
@@ -41,12 +43,6 @@ def warnings(scenario: Scenario) -> Iterator[str]:
         remedies += [f"follower.standoff_m = {distance:g}" for distance in places[:1]]
         end = f"; that takes {' or '.join(remedies)}" if remedies else ""
         yield f"{begin}follower.standoff_m = {standoff.distance:g}: {why}{end}"
-
-
-def _max_speed_m_s(part: Scenario) -> float:
-    drive = Drive.from_scenario(part)
-    x, y, _ = drive.axes
-    return min(drive.rim_speed / min(drive.sideways, 1.0), max(x.velocity, y.velocity))
 
 
 def _unseen(part: Scenario, mount: CameraMount, standoff: Standoff) -> Unseen | None:

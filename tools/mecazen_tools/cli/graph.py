@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from mecazen.config import Scenario
 from mecazen.graph import GRAPH, Graph
-from mecazen.keys import DIAGNOSTICS, TOPICS, Topic, resolve
+from mecazen.keys import DIAGNOSTICS, TOPICS, resolve
 from mecazen.loop import turns_of
 from mecazen.programs import graph_of
 from mecazen.row import Row
@@ -52,15 +52,20 @@ def gives(row: Row, separator: str = ", ", scenario: Any = None) -> str:
 
 
 def topic_rows(graph: Graph, renamed: Mapping[str, str] = MappingProxyType({})) -> Iterator[Cells]:
-    """Yield key, message, rate, publisher and meaning of each topic."""
+    """Yield key, message, rate, publisher and meaning of each topic.
+
+    The rate is a configuration key, a number with Hz, `tick`, or `any`.
+    """
     for topic in graph.topics:
         if not topic.key.startswith("diagnostics/"):
             node = graph.giver(topic.key)
-            source = node.part_of if node else "anyone"
-            if node and topic.open:
-                source += " or anyone"
+            source, rate = "anyone", "any"
+            if node:
+                source = f"{node.part_of} or anyone" if topic.open else node.part_of
+                number = graph.rate(topic.key) or "tick"
+                rate = number if isinstance(number, str) else f"{number:g} Hz"
             key = renamed.get(topic.key, topic.key)
-            yield key, topic.type.ROS_TYPE, _rate(graph, topic), source, topic.meaning
+            yield key, topic.type.ROS_TYPE, rate, source, topic.meaning
     yield DIAGNOSTICS.key, DIAGNOSTICS.type.ROS_TYPE, "1 Hz", "each service", DIAGNOSTICS.meaning
 
 
@@ -84,14 +89,6 @@ def in_hz(rate: str | float, scenario: Any) -> str:
     if rate == "tick":
         rate = 1.0 / scenario.sim.tick_s
     return rate if isinstance(rate, str) else f"{rate:g} Hz"
-
-
-def _rate(graph: Graph, topic: Topic[Any]) -> str:
-    """Return the rate of a topic: a configuration key, a number with Hz, `tick`, or `any`."""
-    if graph.giver(topic.key) is None:
-        return "any"
-    rate = graph.rate(topic.key)
-    return "tick" if rate is None else rate if isinstance(rate, str) else f"{rate:g} Hz"
 
 
 def graph(
