@@ -15,7 +15,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from mecazen_tools import drawing
-from mecazen_tools.cli.options import ScenarioArgument, Settings, console
+from mecazen_tools.cli.options import ScenarioArgument, Settings, console, output
 from mecazen_tools.cli.simulate import progress
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ def compare(
             help="Two or more: default, a program such as my_follower.py:MyFollower, a trained "
             "policy:weights.npz, or settings such as follower.estimator=none. The last is the "
             "reference.",
-            show_default=False,
         ),
     ],
     seeds: Annotated[int, Option(min=1, max=10_000, help="Number of seeds, from 1 on.")] = 10,
@@ -41,14 +40,7 @@ def compare(
         Option("--duration", min=0, help="Simulated seconds.", show_default="the scenario's"),
     ] = None,
     output: Annotated[
-        Path | None,
-        Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Draw paths, errors and measures: PNG, SVG or PDF.",
-            show_default=False,
-        ),
+        Path | None, output("Draw paths, errors and measures: PNG, SVG or PDF.")
     ] = None,
     as_json: Annotated[bool, Option("--json", help="Print the result as JSON.")] = False,
     settings: Settings = None,

@@ -103,10 +103,7 @@ def emulate(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Override one setting of the scenario. Repeatable.",
-            show_default=False,
+            "--set", metavar="KEY=VALUE", help="Override one setting of the scenario. Repeatable."
         ),
     ] = None,
 ) -> None:

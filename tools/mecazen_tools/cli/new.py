@@ -38,8 +38,8 @@ COMMANDS: dict[Kind, tuple[str, ...]] = {
 
 
 def new(
-    kind: Annotated[Kind, Argument(help="The kind of file.", show_default=False)],
-    name: Annotated[str, Argument(help="Its name, such as lead or my_robot.", show_default=False)],
+    kind: Annotated[Kind, Argument(help="The kind of file.")],
+    name: Annotated[str, Argument(help="Its name, such as lead or my_robot.")],
 ) -> None:
     """Write a small file that runs, to change it: a follower, sensor, robot, process or study.
 

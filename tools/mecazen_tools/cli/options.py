@@ -46,9 +46,7 @@ Settings = Annotated[
 
 RecordingFile = Annotated[
     Path,
-    Argument(
-        metavar="FILE", help="A recording: MCAP, db3 or CSV, or a rosbag2.", show_default=False
-    ),
+    Argument(metavar="FILE", help="A recording: MCAP, db3 or CSV, or a rosbag2."),
 ]
 Topics = Annotated[
     str,
@@ -57,7 +55,6 @@ Topics = Annotated[
         metavar="KEY=TOPIC,…",
         help="In recordings of others: which topic each key is, as joint_states=/robot/joints; "
         "/tf:FRAME is a frame's pose. In CSV: KEY=PREFIX of its columns.",
-        show_default=False,
     ),
 ]
 RecordedScenario = Annotated[
@@ -66,12 +63,16 @@ RecordedScenario = Annotated[
         "--scenario",
         metavar="SCENARIO",
         help="The scenario of a recording that lacks its configuration.",
-        show_default=False,
     ),
 ]
 
 ANSWER_S = 1.0
 """Timeout of a query for the running scenario [s]."""
+
+
+def output(content: str, default: str = "") -> Any:
+    """Return the option of the file that a command writes, by its content and its default name."""
+    return Option("-o", "--output", metavar="FILE", help=content, show_default=default or False)
 
 
 def console(width: int) -> Console:

@@ -17,6 +17,7 @@ from mecazen_people.dataset import read_people, walked_m
 from typer import Argument, Option
 
 from mecazen_tools import files
+from mecazen_tools.cli.options import output
 
 STANDOFF_M = 1.2
 """Standoff behind the person, also at the start [m]."""
@@ -33,7 +34,6 @@ def import_(
         Argument(
             metavar="FILE",
             help="CSV with id, time, x and y; text of frame, id, x, y; or ETH's obsmat.txt.",
-            show_default=False,
         ),
     ],
     target: Annotated[
@@ -46,12 +46,9 @@ def import_(
     ] = None,
     output: Annotated[
         Path | None,
-        Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="The scenario to write; the tracks are written to a folder beside it.",
-            show_default="its name, with .toml",
+        output(
+            "The scenario to write; the tracks are written to a folder beside it.",
+            "its name, with .toml",
         ),
     ] = None,
     sample: Annotated[

@@ -26,7 +26,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from mecazen_tools import drawing
-from mecazen_tools.cli.options import RecordedScenario, RecordingFile, Topics, tool_bus
+from mecazen_tools.cli.options import RecordedScenario, RecordingFile, Topics, output, tool_bus
 from mecazen_tools.cli.simulate import print_scores
 from mecazen_tools.simulate import summary
 
@@ -35,9 +35,7 @@ if TYPE_CHECKING:
 
     from mecazen_tools.recorded import RecordedTrajectory
 
-RecordingFiles = Annotated[
-    list[Path], typer.Argument(metavar="FILE...", help="Recordings.", show_default=False)
-]
+RecordingFiles = Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings.")]
 RunNumber = Annotated[
     int | None,
     typer.Option(
@@ -114,14 +112,11 @@ def replay(
             metavar="SERVICE",
             help="Publish nothing: feed a service (or file.py:Class) with its recorded inputs, and "
             "compare its outputs with the recording. Ends with 1 at the first difference.",
-            show_default=False,
         ),
     ] = None,
     robot: Annotated[
         str,
-        typer.Option(
-            metavar="NAME", help="With --through: of several robots, whose.", show_default=False
-        ),
+        typer.Option(metavar="NAME", help="With --through: of several robots, whose."),
     ] = "",
     trust: Annotated[
         bool,
@@ -265,14 +260,7 @@ def score(
 def plot(
     files: RecordingFiles,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Where to: PNG, SVG or PDF.",
-            show_default="FILE.png beside the first recording",
-        ),
+        Path | None, output("Where to: PNG, SVG or PDF.", "FILE.png beside the first recording")
     ] = None,
     run: RunNumber = None,
     topics: Topics = "",

@@ -13,7 +13,7 @@ from rich.table import Table
 from typer import Argument, Option
 
 from mecazen_tools import drawing, files
-from mecazen_tools.cli.options import console
+from mecazen_tools.cli.options import console, output
 from mecazen_tools.description import read_description
 from mecazen_tools.robot_import import Controller, controller_of, import_robot, read_controller
 
@@ -24,7 +24,7 @@ app = typer.Typer(no_args_is_help=True, help="Your robot: its description, drawi
 def import_(
     file: Annotated[
         Path,
-        Argument(metavar="FILE", help="URDF, .xacro, SDF or MJCF.", show_default=False),
+        Argument(metavar="FILE", help="URDF, .xacro, SDF or MJCF."),
     ],
     controller: Annotated[
         Path | None,
@@ -34,14 +34,7 @@ def import_(
         ),
     ] = None,
     output: Annotated[
-        Path | None,
-        Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="The robot file to write.",
-            show_default="its name, with .toml",
-        ),
+        Path | None, output("The robot file to write.", "its name, with .toml")
     ] = None,
     arguments: Annotated[
         list[str] | None,
@@ -53,7 +46,6 @@ def import_(
             "--set",
             metavar="KEY=VALUE",
             help="A value of the robot file, e.g. rollers.count=12. Repeatable.",
-            show_default=False,
         ),
     ] = None,
 ) -> None:
@@ -90,14 +82,7 @@ def show(
         Argument(metavar="ROBOT", help="A robot file, or its name in configs/robots."),
     ],
     output: Annotated[
-        Path | None,
-        Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="The picture: .png, .svg or .pdf.",
-            show_default="its name, with .png",
-        ),
+        Path | None, output("The picture: .png, .svg or .pdf.", "its name, with .png")
     ] = None,
 ) -> None:
     """Draw a robot with its dimensions, drive it four ways, and compare with the formulas.

@@ -33,7 +33,7 @@ TrajectoryFile = Annotated[
 ]
 PictureFile = Annotated[
     Path | None,
-    Option("--plot", metavar="FILE", help="Draw the run: PNG, SVG or PDF.", show_default=False),
+    Option("--plot", metavar="FILE", help="Draw the run: PNG, SVG or PDF."),
 ]
 AsJson = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 
