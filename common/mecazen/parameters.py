@@ -7,7 +7,7 @@ by its key and in TOML, with the same ranges.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import msgspec
@@ -19,17 +19,23 @@ from mecazen.config.world import Box, Cylinder
 from mecazen.errors import ConfigError
 from mecazen.explain import describe, suggestion
 from mecazen.files import parse_value, to_value
-from mecazen.graph import CROWD, SERVICES
+from mecazen.graph import CROWD, SERVICES, SHARED
+from mecazen.keys import PARAMETERS
 from mecazen.loading import convert, effective, in_toml, override
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
+from mecazen.node import Node
+from mecazen.programs import classes, reads_section
 from mecazen.schema import Section, is_live, members
 from mecazen.text import printable
+from mecazen.wire import encode
 
 ROBOTS = "robots"
 """First part of the keys of one robot's parameters; the robot's name is the second part."""
 ADDED = "world.added."
 """Begin of the keys of boxes and people in the world that were added; their names follow."""
 THING: Any = Box | Cylinder | Passerby
+MOST_BYTES = PARAMETERS.max_bytes - 256
+"""Maximum size of all changes, without the header of their message [bytes]."""
 
 UNITS = {
     "m": "m",
@@ -236,3 +242,78 @@ def with_added(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
         services = to_value((*scenario.services, CROWD))
         raise ConfigError(f"people need the crowd: start with --set 'services={services}'")
     return msgspec.structs.replace(scenario, world=world)
+
+
+class LiveParameters:
+    """The parameters of a simulation, which stay in effect for the runs that follow.
+
+    Additions to the world stay until the end of the run. `check_world` raises ConfigError if a
+    scenario does not suit the robots now.
+    """
+
+    def __init__(self, scenario: Scenario, check_world: Callable[[Scenario], None]) -> None:
+        self._start = scenario
+        self._check_world = check_world
+        self.scenario = self.requested = scenario
+        """The scenario that applies now, and the one from the next tick on."""
+        self.settings: dict[str, Any] = {}
+        """Changed parameters: values by key, in the order of the changes."""
+        self._requested: dict[str, Any] = {}
+
+    def set(self, settings: Mapping[str, Any]) -> None:
+        """Change parameters from the next tick on.
+
+        Raises:
+            ConfigError: A parameter is not live or a value is invalid; then nothing changes.
+        """
+        settings = in_toml(settings)
+        things = {key: value for key, value in settings.items() if key.startswith(ADDED)}
+        fields = settings.keys() - things.keys()
+        refuse_unknown(self._start, fields)
+        refuse_names(self.requested, things)
+        unchanged = {k: v for k, v in self._requested.items() if k not in settings}
+        requested = {**unchanged, **settings}
+        scenario = changed(self._start, requested)
+        if len(encode(Parameters(parameters=to_message(requested)))) > MOST_BYTES:
+            raise ConfigError("too many changes in one run; a reset undoes those of the world")
+        for name in {part for key in fields for part in key.split(".")}:
+            if name in scenario.services:
+                refuse_unsuitable(scenario, name)
+        if things:
+            self._check_world(scenario)
+        self.requested, self._requested = scenario, requested
+
+    def begin(self) -> None:
+        """Begin a run: its world is that of the scenario again, from the first tick on."""
+        kept = {key: v for key, v in self._requested.items() if not key.startswith(ADDED)}
+        if kept != self._requested:
+            self.requested, self._requested = changed(self._start, kept), kept
+
+    def apply(self) -> bool:
+        """Apply what has been set since the last tick; return whether a value differs."""
+        if self._requested == self.settings:
+            return False
+        self.settings, self.scenario = self._requested, self.requested
+        return True
+
+
+def refuse_unsuitable(scenario: Scenario, service: str) -> None:
+    """Refuse changed settings that a node of a service rejects; accept them if none is installed.
+
+    Raises:
+        ConfigError: The node's constructor rejects them, or a user's class does not read them.
+    """
+    try:
+        kinds = classes(service, scenario)
+    except ConfigError:
+        return
+    if not reads_section(service, kinds):
+        program = scenario.programs[service]
+        raise ConfigError(
+            f"{service}: no effect on {program}, which takes its place; if it reads "
+            f"scenario.{service}, let it name the type as its SECTION"
+        )
+    for part in (scenario,) if service in SHARED else map(scenario.of, scenario.names):
+        for kind in kinds.values():
+            if issubclass(kind, Node):
+                kind(part)

@@ -10,13 +10,13 @@ from mecazen.config import scenario as config
 from mecazen.errors import ConfigError
 from mecazen.parameters import (
     ADDED,
+    LiveParameters,
     changed,
     described,
     parameters,
     settings_of,
     to_message,
 )
-from mecazen.runtime.live import LiveParameters
 from mecazen.schema import AngleDeg, Live, Positive, Section
 
 BOX = {"kind": "box", "size_m": [1, 1, 1], "position_m": [0, 0]}
@@ -54,7 +54,7 @@ def scenario_with(*robots, services=("physics", "mine"), **more):
 
 
 def live_parameters():
-    return LiveParameters(scenario_with(), lambda *_: None, lambda _: None)
+    return LiveParameters(scenario_with(), lambda _: None)
 
 
 def test_live_fields_are_parameters_with_their_allowed_values():

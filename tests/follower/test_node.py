@@ -21,7 +21,7 @@ from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
 from mecazen.messages import diagonal_covariance
-from mecazen.runtime.live import LiveParameters, refuse_unsuitable
+from mecazen.parameters import LiveParameters
 from mecazen_follower.measurement import NO_HEADING
 from mecazen_follower.node import FollowerNode
 
@@ -292,7 +292,7 @@ def test_settings_without_effect_are_refused(tmp_path):
     program = f"{tmp_path}/my.py:Blind"
     scenario = load_scenario(SCENARIOS / "back.toml")
     scenario = msgspec.structs.replace(scenario, programs={"follower": program})
-    live = LiveParameters(scenario, refuse_unsuitable, lambda _: None)
+    live = LiveParameters(scenario, lambda _: None)
     error = error_of(ConfigError, lambda: live.set({"follower.standoff_m": 2}))
     assert error.startswith(f"follower: no effect on {program}, which takes its place")
     assert live.requested.follower.standoff_m != 2.0

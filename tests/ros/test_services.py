@@ -6,8 +6,7 @@ from mecazen import keys
 from mecazen import messages as m
 from mecazen.errors import BusError, ConfigError
 from mecazen.loading import load_scenario
-from mecazen.parameters import described, parameters, settings_of
-from mecazen.runtime.live import LiveParameters
+from mecazen.parameters import LiveParameters, described, parameters, settings_of
 from mecazen_ros import cdr
 from mecazen_ros.services import OF_NODE, NodeParameters
 from mecazen_ros.types import message
@@ -23,9 +22,7 @@ class Simulation:
     """The parameters of a scenario, and those of one of its nodes."""
 
     def __init__(self, scenario="back", node="follower", robot=""):
-        self.live = LiveParameters(
-            load_scenario(SCENARIOS / f"{scenario}.toml"), lambda *_: None, lambda _: None
-        )
+        self.live = LiveParameters(load_scenario(SCENARIOS / f"{scenario}.toml"), lambda _: None)
         self.node = NodeParameters(node, robot, self.ask)
 
     def ask(self, call, request):

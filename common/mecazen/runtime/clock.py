@@ -26,11 +26,17 @@ from mecazen.messages import (
     StepRequest,
     String,
 )
-from mecazen.parameters import described, parameters, refuse_unknown, settings_of, to_message
+from mecazen.parameters import (
+    LiveParameters,
+    described,
+    parameters,
+    refuse_unknown,
+    settings_of,
+    to_message,
+)
 from mecazen.programs import classes
 from mecazen.robots import join_key
 from mecazen.runtime.host import LONGER_S, Host
-from mecazen.runtime.live import LiveParameters, refuse_unsuitable
 from mecazen.runtime.pace import Pace, Schedule
 from mecazen.wire import NS_PER_S, Stamp
 
@@ -59,7 +65,7 @@ class Clock:
         self.answers = [slot for turn in service.turns for slot in turn.slots if slot.lag]
         """The inputs with which the world answers a tick in the next one."""
         self.scenario: Scenario = host.scenario
-        self.live = LiveParameters(host.scenario, refuse_unsuitable, host.check_world)
+        self.live = LiveParameters(host.scenario, host.check_world)
         self.lockstep = host.lockstep
         self.schedule = Schedule(self.scenario.sim.tick_s, self.scenario.sim.speed)
         self.tick = self.missed_deadlines = 0
