@@ -20,7 +20,7 @@ from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.parameters import changed, settings_of
 from mecazen.programs import Kind, classes, graph_of
 from mecazen.robots import join_key
-from mecazen.runtime.health import PUBLISHERS, Health
+from mecazen.runtime.observer import PUBLISHERS, Health
 from mecazen.runtime.pace import serve_every
 from mecazen.wire import NS_PER_S, Stamp
 

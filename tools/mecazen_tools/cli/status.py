@@ -17,7 +17,7 @@ from mecazen.errors import BusError
 from mecazen.graph import SHARED, WORLDS
 from mecazen.messages import DiagnosticArray, Empty, SimState
 from mecazen.robots import join_key
-from mecazen.runtime.health import PUBLISHERS
+from mecazen.runtime.observer import PUBLISHERS
 from mecazen.text import printable
 from mecazen.wire import NS_PER_S, RefusedError, decode
 from rich.console import Group
