@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import msgspec.inspect as mi
 
-from mecazen.schema import Folder, Section, choose, fields, members
+from mecazen.schema import Folder, Section, below, choose, fields, members
 
 
 def explain(
@@ -126,19 +126,12 @@ def _follow(node: mi.Type, value: Any, steps: Iterable[str]) -> tuple[list[str],
         node = choose(node, value)
         if isinstance(node, mi.DictType):  # msgspec's path does not name its keys
             break
-        if isinstance(node, mi.TupleType):
-            node, value = node.item_types[int(step)], value[int(step)]
-        elif isinstance(node, mi.VarTupleType | mi.ListType):
-            node, value = node.item_type, value[int(step)]
-        elif isinstance(node, mi.StructType) and node.array_like:
-            field = node.fields[int(step)]
-            key.append(field.encode_name)
-            node, value = field.type, value[int(step)]
-            continue
-        else:
-            node, value = fields(node)[step], value.get(step)
-        name = value.get("name") if step.isdigit() and isinstance(value, dict) else None
-        key.append(name if isinstance(name, str) and re.fullmatch(r"[\w-]+", name) else step)
+        value = value.get(step) if isinstance(value, dict) else value[int(step)]
+        is_row = isinstance(node, mi.StructType) and node.array_like
+        part = [*fields(node)][int(step)] if is_row else step
+        node = below(node, part)
+        name = value.get("name") if part.isdigit() and isinstance(value, dict) else None
+        key.append(name if isinstance(name, str) and re.fullmatch(r"[\w-]+", name) else part)
     return key, choose(node, value), value
 
 

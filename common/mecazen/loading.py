@@ -25,6 +25,7 @@ from mecazen.schema import (
     OutputFile,
     Section,
     SectionT,
+    below,
     choose,
     fields,
     members,
@@ -195,24 +196,17 @@ def _with_paths(node: mi.Type, value: Any, folder: Path) -> Any:
             if isinstance(name, str) and not re.fullmatch(_NAME, name):
                 table = table | {"file": normpath(folder / name)}
             value = table
-        if isinstance(kind, mi.StructType) and isinstance(value, dict):
-            types = fields(kind)
+        is_program = isinstance(kind, mi.StrType) and kind.pattern == PROGRAM
+        is_path = isinstance(kind, mi.CustomType) or (is_program and ".py:" in str(value))
+        if isinstance(value, dict):
             value = {
-                key: _with_paths(types[key], item, folder) if key in types else item
-                for key, item in value.items()
+                key: _with_paths(below(kind, key), item, folder) for key, item in value.items()
             }
-        elif isinstance(kind, mi.VarTupleType) and isinstance(value, list):
-            value = [_with_paths(kind.item_type, item, folder) for item in value]
-        elif isinstance(kind, mi.DictType) and isinstance(value, dict):
-            value = {key: _with_paths(kind.value_type, item, folder) for key, item in value.items()}
-        elif isinstance(value, str) and value and _is_path(kind, value):
+        elif isinstance(value, list):
+            value = [_with_paths(below(kind, str(i)), item, folder) for i, item in enumerate(value)]
+        elif is_path and isinstance(value, str) and value:
             value = normpath(folder / value)
     return value
-
-
-def _is_path(kind: mi.Type, value: str) -> bool:
-    is_program = isinstance(kind, mi.StrType) and kind.pattern == PROGRAM
-    return isinstance(kind, mi.CustomType) or (is_program and ".py:" in value)
 
 
 def _read_part(
@@ -413,7 +407,7 @@ def override(raw: dict[str, Any], node: mi.Type, key: str, value: Any) -> None:
     """
     *tables, last = names = key.split(".")
     for depth, name in enumerate(tables):
-        node = _below(node, raw, name)
+        node = below(choose(node, raw), name)
         table, whole = raw.setdefault(name, {}), ".".join(tables[: depth + 1])
         if isinstance(table, list):
             # a key addresses one of several robots by its name
@@ -429,16 +423,7 @@ def override(raw: dict[str, Any], node: mi.Type, key: str, value: Any) -> None:
             if isinstance(choice, mi.StructType) and choice.tag == value:
                 for name in raw.keys() - fields(choice).keys():
                     del raw[name]
-    raw[last] = _with_paths(_below(node, raw, last), value, Path.cwd())
-
-
-def _below(node: mi.Type, table: Any, key: str) -> mi.Type:
-    node = choose(node, table)
-    if isinstance(node, mi.VarTupleType):
-        return node.item_type
-    if isinstance(node, mi.DictType):
-        return node.value_type
-    return fields(node).get(key, mi.AnyType())
+    raw[last] = _with_paths(below(choose(node, raw), last), value, Path.cwd())
 
 
 def convert(

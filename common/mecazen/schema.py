@@ -91,3 +91,15 @@ def fields(node: mi.Type) -> dict[str, mi.Type]:
         keys = {f.encode_name: f.type for f in struct.fields if f.encode_name not in NO_KEYS}
     tags = {kind.tag_field: kind.tag for kind in structs if kind.tag_field}
     return keys | {field: mi.LiteralType(tuple(kind.tag for kind in structs)) for field in tags}
+
+
+def below(node: mi.Type, key: str) -> mi.Type:
+    """Return the type of the value at a key of a table, or at an index of a list."""
+    match node:
+        case mi.VarTupleType(item_type=kind) | mi.ListType(item_type=kind):
+            return kind
+        case mi.DictType(value_type=kind):
+            return kind
+        case mi.TupleType(item_types=kinds):
+            return dict(zip(map(str, range(len(kinds))), kinds, strict=True)).get(key, mi.AnyType())
+    return fields(node).get(key, mi.AnyType())
