@@ -203,6 +203,8 @@ def test_a_query_on_an_expression_reads_and_changes_nothing(ask):
     (bus, run), resets = ask, []
     bus.serve(keys.SIM_RESET, lambda _, reply: (resets.append(1), reply.answer(SimState())))
     bus.serve_files("robot_description", {"a.stl": b"mesh"})
+    while not run("robot_description/a.stl"):  # discovered after what was declared before it
+        pass
     for count, (expression, answers) in enumerate(
         (("**", {"sim/state", "robot_description/a.stl"}), ("*/reset", set())), 1
     ):
@@ -218,6 +220,8 @@ def test_a_query_on_an_expression_reads_and_changes_nothing(ask):
 def test_wrong_requests_are_errors_and_empty_ones_defaults(ask):
     bus, run = ask
     bus.serve(keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks)))
+    while not run("sim/step"):
+        pass
     for payload in (b"", b" \n", b"{}"):
         (reply,) = run("sim/step", payload)
         assert decode(reply.ok.payload.to_bytes(), SimState).tick == 1
