@@ -32,7 +32,7 @@ from mecazen.urdf import ask_description, portable_urdf
 from mecazen.wire import Stamp
 
 from mecazen_ros import cdr, protocol, services, topics
-from mecazen_ros.services import QueryReply, Respond, RosService
+from mecazen_ros.services import Respond, RosService
 from mecazen_ros.topics import RosTopic, full_name, ros_name
 from mecazen_ros.types import RosTypeError, registered, type_hash
 
@@ -242,7 +242,7 @@ class RosNode:
     def _ask(self, service: RosService, request: Message, respond: Respond) -> None:
         """Pass a request as a query to its server in this process, which answers now or later."""
         call, query = service.ask(request)
-        self._bus.server(call_of_robot(call, self._robot))(query, QueryReply(respond, service))
+        self._bus.server(call_of_robot(call, self._robot))(query, service.reply(respond))
 
     def _serve(
         self,

@@ -86,19 +86,15 @@ class RosService(NamedTuple):
             fields["state"] = SimulationState(PAUSED if answer.paused else PLAYING)
         return self.response(**fields)
 
+    def reply(self, respond: Respond) -> Reply[Any]:
+        """Return the reply to a query that sends the response to a request.
 
-class QueryReply(Reply[Any]):
-    """Answers a request by the answer to a query."""
-
-    def __init__(self, respond: Respond, service: RosService) -> None:
-        self._respond, self._service = respond, service
-
-    def answer(self, message: Any) -> None:
-        self._respond(self._service.respond(OK, "", message))
-
-    def refuse(self, reason: str) -> None:
-        # ROS clients do not react to an error of Zenoh
-        self._respond(self._service.respond(FAILED, reason))
+        ROS clients do not react to an error of Zenoh, so a refusal is a response as well.
+        """
+        return Reply(
+            lambda answer: respond(self.respond(OK, "", answer)),
+            lambda reason: respond(self.respond(FAILED, reason)),
+        )
 
 
 def _same(call: Call[Any, Any]) -> Callable[[Any], Query]:

@@ -11,19 +11,17 @@ import math
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from threading import Event
-from types import SimpleNamespace
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
+from typing import Any, ClassVar, Generic, cast
 
 from mecazen.errors import BusError
 from mecazen.keys import AnswerT, Call, RequestT, Topic
-from mecazen.messages import Message, MessageT
+from mecazen.messages import MessageT
 from mecazen.robots import join_key
 from mecazen.text import printable
 from mecazen.wire import RefusedError, Stamp, decode
-
-Message_contra = TypeVar("Message_contra", bound=Message, contravariant=True)
 
 Handler = Callable[[MessageT, Stamp | None], None]
 """Receives a message and the stamp of its tick; the stamp is None if the publisher sent none."""
@@ -58,14 +56,14 @@ class Publisher(Generic[MessageT]):
         """Report that a tick has no message although one is due, to other processes."""
 
 
-class Reply(Protocol[Message_contra]):
+@dataclass(frozen=True)
+class Reply(Generic[AnswerT]):
     """The answer to one query; it is sent once, now or later."""
 
-    def answer(self, message: Message_contra) -> None:
-        """Answer with a message."""
-
-    def refuse(self, reason: str) -> None:
-        """Answer with an error."""
+    answer: Callable[[AnswerT], None]
+    """Answers with a message."""
+    refuse: Callable[[str], None]
+    """Answers with an error."""
 
 
 class Presence:
@@ -270,12 +268,11 @@ class Bus:
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = math.inf
     ) -> AnswerT:
         answers: list[Any] = []
-        reply: Any = SimpleNamespace(
-            answer=answers.append,
-            refuse=lambda reason: answers.append(BusError(f"{call.key}: {reason}")),
-        )
         end = time.monotonic() + timeout_s
-        self.server(call)(request, reply)
+        self.server(call)(
+            request,
+            Reply(answers.append, lambda why: answers.append(BusError(f"{call.key}: {why}"))),
+        )
         while not answers and (left_s := end - time.monotonic()) > 0.0 and self.spin_once(left_s):
             pass
         if not answers:

@@ -13,7 +13,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NoReturn, TypeVar
 
@@ -313,19 +312,26 @@ class ZenohBus(Bus):
         key = call.key
 
         def take(query: zenoh.Query) -> None:
-            reply: ZenohReply[AnswerT] = ZenohReply(query, key)
+            def answer(message: AnswerT) -> None:
+                with query:
+                    query.reply(key, encode(message), encoding=JSON_ENCODING)
+
+            def refuse(reason: str) -> None:
+                with query:
+                    query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
+
             if call.changes and str(query.key_expr) != key:
                 # a query with a wildcard explores the keys and must not change state
                 self.refuse(key, "asked on another key expression")
-                reply.refuse("asked on another key expression")
+                refuse("asked on another key expression")
                 return
             payload = b"" if query.payload is None else query.payload.to_bytes()
             try:
                 request = self._decode_request(call, payload)
             except RefusedError as refusal:
-                reply.refuse(str(refusal))
+                refuse(str(refusal))
             else:
-                handler(request, reply)
+                handler(request, Reply(answer, refuse))
 
         self._servers[key] = handler
         self._declare_queryable(key, take)
@@ -446,24 +452,6 @@ class _ZenohPublisher(Publisher[MessageT]):
 
     def put_nothing(self, stamp: Stamp) -> None:
         self._publisher.put(b"", attachment=stamp.pack(), source_info=self._source)
-
-
-@dataclass
-class ZenohReply(Reply[AnswerT]):
-    """Answers one query, on its key."""
-
-    query: zenoh.Query
-    key: str
-
-    def answer(self, message: AnswerT) -> None:
-        """Answer with a message."""
-        with self.query as query:
-            query.reply(self.key, encode(message), encoding=JSON_ENCODING)
-
-    def refuse(self, reason: str) -> None:
-        """Answer with an error."""
-        with self.query as query:
-            query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
 
 
 def direct(function: Callable[[Any], None]) -> Any:
