@@ -130,7 +130,7 @@ class PoseSensors:
     def __init__(self, scenario: Scenario, n: int, persons: Persons) -> None:
         self._config, self._persons = scenario.sensor, persons
         tick_s = scenario.sim.tick_s
-        self._every = self._config.ticks_per_frame(tick_s)
+        self._every = scenario.ticks_per("sensor.rate_hz")
         self._latency = latency_ticks(self._config, tick_s)
         self._occlusions = np.rint(np.array(self._config.occlusions_s).reshape(-1, 2) / tick_s)
         self._nowhere = np.array(scenario.follower.standoff.person(Pose2D()))[:, None]

@@ -189,7 +189,7 @@ def test_a_scenario_has_a_path_or_a_name(tmp_path, monkeypatch):
 
 def test_times_are_in_whole_ticks(scenario):
     assert (scenario.sim.tick_ns, scenario.sim.ticks) == (10_000_000, 6000)
-    assert scenario.sensor.ticks_per_frame(scenario.sim.tick_s) == 4
+    assert scenario.ticks_per("sensor.rate_hz") == 4
     for seconds, tick_s, ticks in ((0.0, 0.01, 0), (0.3, 0.1, 3), (1e5, 0.01, 10**7)):
         assert whole_ticks("sensor.latency_s", seconds, tick_s) == ticks
     for seconds in (0.015, 1e-12, 1.0001, math.nan, math.inf):

@@ -6,13 +6,11 @@ The robot file has the devices' mounting: `camera` carries the body tracker and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
 
 from mecazen.schema import Finite, NonNegative, Positive, Probability, Section
-from mecazen.ticks import ticks_per_sample
 
 _FEATURES: dict[str, tuple[str, ...]] = {
     "pose": ("pose",),
@@ -21,13 +19,15 @@ _FEATURES: dict[str, tuple[str, ...]] = {
     "fused": ("skeleton", "tracker", "body", "lidar", "legs"),
 }
 
-
 _BLIND = ("imu", "battery")
 """Sensors that do not perceive people, so they need no skeleton."""
 
 
-def check_intervals(key: str, intervals: Sequence[tuple[float, float]]) -> None:
-    """Raise ValueError if an interval does not end after it begins."""
+Intervals = tuple[tuple[NonNegative, NonNegative], ...]
+"""Intervals [from, to] of simulated time."""
+
+
+def _check_intervals(key: str, intervals: Intervals) -> None:
     for begin, end in intervals:
         if end <= begin:
             raise ValueError(f"{key}: [{begin}, {end}] must end after it begins")
@@ -51,14 +51,14 @@ class SensorFaults(Section):
     """Distance of a second person from the first along y of world; 0: no second person."""
     other_seen: bool = True
     """Whether frames show the second person beside the first."""
-    stand_ins_s: tuple[tuple[NonNegative, NonNegative], ...] = ()
+    stand_ins_s: Intervals = ()
     """Intervals [from, to] of simulated time in which the second person is seen in place of the
     first."""
     ids: bool = False
     """Whether the sensor identifies persons; in `stand_ins_s` it confuses their identities."""
 
     def __post_init__(self) -> None:
-        check_intervals("faults.stand_ins_s", self.stand_ins_s)
+        _check_intervals("faults.stand_ins_s", self.stand_ins_s)
         if self.stand_ins_s and not self.other_m:
             raise ValueError("faults.stand_ins_s needs faults.other_m: where who stands in walks")
 
@@ -88,12 +88,12 @@ class SensorConfig(Section):
     max_range_m: Positive = 10.0
     dropout_probability: Probability = 0.0
     """Chance of a frame to show nothing."""
-    occlusions_s: tuple[tuple[NonNegative, NonNegative], ...] = ()
+    occlusions_s: Intervals = ()
     """Intervals [from, to] of simulated time in which nothing is seen."""
     faults: SensorFaults = SensorFaults()
 
     def __post_init__(self) -> None:
-        check_intervals("occlusions_s", self.occlusions_s)
+        _check_intervals("occlusions_s", self.occlusions_s)
 
     @property
     def features(self) -> frozenset[str]:
@@ -101,17 +101,6 @@ class SensorConfig(Section):
         beside = ("skeleton",) if set(self.also) - set(_BLIND) else ()
         return frozenset((*_FEATURES[self.kind], *beside, *self.also))
 
-    def ticks_per_frame(self, tick_s: float) -> int:
-        """Return the ticks from one frame to the next.
-
-        Raises:
-            ConfigError: The rate does not divide the tick rate.
-        """
-        return ticks_per_sample("sensor.rate_hz", self.rate_hz, tick_s)
-
-
-Occlusions = tuple[tuple[NonNegative, NonNegative], ...]
-"""Intervals [from, to] of simulated time."""
 
 FieldOfView = Annotated[float, msgspec.Meta(gt=0.0, lt=180.0)]
 """Angle of a pinhole camera from edge to edge [deg]."""
@@ -140,11 +129,11 @@ class LidarConfig(Section):
     range_std_m: NonNegative = 0.01
     dropout_probability: Probability = 0.005
     """Chance of a beam that hits something to bring no valid measurement."""
-    occlusions_s: Occlusions = ()
+    occlusions_s: Intervals = ()
     """Intervals in which no beam brings a valid measurement."""
 
     def __post_init__(self) -> None:
-        check_intervals("occlusions_s", self.occlusions_s)
+        _check_intervals("occlusions_s", self.occlusions_s)
         _check_range(self.min_range_m, self.max_range_m)
 
 
@@ -196,11 +185,11 @@ class TrackerConfig(Section):
     """Mean duration of this error."""
     identity_memory_s: NonNegative = 0.5
     """Time out of sight after which a person gets a new identity."""
-    occlusions_s: Occlusions = ()
+    occlusions_s: Intervals = ()
     """Intervals in which no person is seen."""
 
     def __post_init__(self) -> None:
-        check_intervals("occlusions_s", self.occlusions_s)
+        _check_intervals("occlusions_s", self.occlusions_s)
         _check_range(self.min_range_m, self.max_range_m)
 
 

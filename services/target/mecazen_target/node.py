@@ -44,7 +44,7 @@ class TargetNode(Node):
         except ConfigError as error:
             raise ConfigError(f"target.path: {error}") from None
         # both raise an error if a period is not a multiple of the tick
-        scenario.sensor.ticks_per_frame(scenario.sim.tick_s)
+        scenario.ticks_per("sensor.rate_hz")
         latency_ticks(scenario.sensor, scenario.sim.tick_s)
         self.sees_pose = "pose" in scenario.sensor.features
         self.walker: WalkingPerson | None = None

@@ -14,7 +14,7 @@ from mecazen.config import SensorConfig
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import Unseen, diagonal_covariance
 from mecazen.portable import Floats
-from mecazen.ticks import whole_ticks
+from mecazen.ticks import ticks_per_sample, whole_ticks
 from numpy.random import PCG64, Generator
 
 Flags = npt.NDArray[np.bool_]
@@ -69,7 +69,7 @@ class Sensor:
 
     def __init__(self, config: SensorConfig, seed: int, tick_s: float) -> None:
         self._config, self._seed = config, seed
-        self._ticks_per_frame = config.ticks_per_frame(tick_s)
+        self._ticks_per_frame = ticks_per_sample("sensor.rate_hz", config.rate_hz, tick_s)
         self._latency = latency_ticks(config, tick_s)
         self._occlusions = _in_ticks(config.occlusions_s, tick_s)
         self._stand_ins = _in_ticks(config.faults.stand_ins_s, tick_s)
