@@ -16,15 +16,15 @@ import msgspec.inspect as mi
 from mecazen.config import Scenario
 from mecazen.config.people import Passerby
 from mecazen.config.world import Box, Cylinder
-from mecazen.errors import ConfigError
+from mecazen.errors import ConfigError, is_installed
 from mecazen.explain import describe, suggestion
 from mecazen.files import parse_value, to_value
-from mecazen.graph import CROWD, SERVICES, SHARED
+from mecazen.graph import CROWD, NODES, SERVICES, SHARED
 from mecazen.keys import PARAMETERS
 from mecazen.loading import convert, effective, in_toml, override
 from mecazen.messages import Parameter, ParameterDescriptor, Parameters
 from mecazen.node import Node
-from mecazen.programs import classes, reads_section
+from mecazen.programs import classes, find
 from mecazen.schema import Section, is_live, members
 from mecazen.text import printable
 from mecazen.wire import encode
@@ -307,12 +307,14 @@ def refuse_unsuitable(scenario: Scenario, service: str) -> None:
         kinds = classes(service, scenario)
     except ConfigError:
         return
-    if not reads_section(service, kinds):
-        program = scenario.programs[service]
-        raise ConfigError(
-            f"{service}: no effect on {program}, which takes its place; if it reads "
-            f"scenario.{service}, let it name the type as its SECTION"
-        )
+    program = scenario.programs.get(service)
+    if program and service in NODES and is_installed(service):
+        kind = kinds[service]
+        if getattr(kind, "SECTION", None) is None and not issubclass(kind, find(service, {})):
+            raise ConfigError(
+                f"{service}: no effect on {program}, which takes its place; if it reads "
+                f"scenario.{service}, let it name the type as its SECTION"
+            )
     for part in (scenario,) if service in SHARED else map(scenario.of, scenario.names):
         for kind in kinds.values():
             if issubclass(kind, Node):

@@ -109,21 +109,6 @@ def _from_file(place: str) -> ModuleType:
     return module
 
 
-def reads_section(service: str, kinds: Mapping[str, Kind]) -> bool:
-    """Return whether a service reads its section, given its classes by node name.
-
-    A user class reads it if the class has a SECTION or derives from the class that it replaces.
-    """
-    kind = kinds.get(service)
-    return (
-        kind is None
-        or service not in NODES
-        or not is_installed(service)
-        or getattr(kind, "SECTION", None) is not None
-        or issubclass(kind, find(service, {}))
-    )
-
-
 def graph_of(scenario: Scenario, kinds: Mapping[str, Kind] | None = None) -> Graph:
     """Return the nodes of a scenario.
 

@@ -116,8 +116,10 @@ def announce_readiness(bus: Bus, service: str, robot: str, scenario: Scenario) -
     A service that sees another's token has a link to it and knows its subscriptions. Once all
     services are ready, all links exist, so no first sample is lost.
     """
-    bus.presence.known = _tokens(scenario)
-    awaited = {join_key(*part) for part in scenario.parts} - {join_key(service, robot)}
+    services = {join_key(*part) for part in scenario.parts}
+    tokens = services | {*OBSERVERS, RECORD}
+    bus.presence.known = tokens | {f"{name}/{state}" for name in tokens for state in (READY, EVERY)}
+    awaited = services - {join_key(service, robot)}
     if scenario.sim.mode == "real_time":
         awaited -= set(OBSERVERS)
     announced = False
@@ -130,11 +132,6 @@ def announce_readiness(bus: Bus, service: str, robot: str, scenario: Scenario) -
 
     bus.presence.on_change.append(check)
     check()
-
-
-def _tokens(scenario: Scenario) -> set[str]:
-    parts = {join_key(*part) for part in scenario.parts} | {*OBSERVERS, RECORD}
-    return parts | {f"{part}/{state}" for part in parts for state in (READY, EVERY)}
 
 
 class Schedule:
