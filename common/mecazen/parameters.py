@@ -101,6 +101,7 @@ def described(name: str, live: LiveSetting) -> ParameterDescriptor:
     parts = name.rpartition(".")[2].split("_")
     ends = ("_".join(parts[first:]) for first in range(1, len(parts)))
     (kind,) = members(live.kind)
+    whole = live.kind.type if isinstance(live.kind, mi.Metadata) else live.kind
     types = {mi.BoolType: "bool", mi.IntType: "integer", mi.FloatType: "float"}
     is_list = isinstance(kind, mi.VarTupleType | mi.TupleType)
     bounds: tuple[float, ...] = ()
@@ -113,13 +114,8 @@ def described(name: str, live: LiveSetting) -> ParameterDescriptor:
         type=types.get(type(kind), "list" if is_list else "string"),
         unit=next((UNITS[end] for end in ends if end in UNITS), ""),
         range=bounds,
-        allowed=describe(live.kind) + (", or left out" if _is_optional(live.kind) else ""),
+        allowed=describe(live.kind) + (", or left out" if isinstance(whole, mi.UnionType) else ""),
     )
-
-
-def _is_optional(kind: mi.Type) -> bool:
-    kind = kind.type if isinstance(kind, mi.Metadata) else kind
-    return isinstance(kind, mi.UnionType)
 
 
 def to_text(value: Any) -> str:

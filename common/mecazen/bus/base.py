@@ -246,16 +246,6 @@ class Bus:
             shown, total = printable(key), self.refused[key]
             logger.warning("msg=refused key=%s count=%d reason=%.300r", shown, total, reason)
 
-    def _decode_request(self, call: Call[RequestT, AnswerT], payload: bytes) -> RequestT:
-        if not payload.strip():
-            return call.request()
-        try:
-            request = decode(payload, call.request)
-        except RefusedError as refusal:
-            self.refuse(call.key, str(refusal))
-            raise
-        return request
-
     def server(self, call: Call[RequestT, AnswerT]) -> Callable[[RequestT, Reply[AnswerT]], None]:
         """Return the function that answers a call in this process.
 

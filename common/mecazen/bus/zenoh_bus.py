@@ -327,8 +327,9 @@ class ZenohBus(Bus):
                 return
             payload = b"" if query.payload is None else query.payload.to_bytes()
             try:
-                request = self._decode_request(call, payload)
+                request = decode(payload, call.request) if payload.strip() else call.request()
             except RefusedError as refusal:
+                self.refuse(key, str(refusal))
                 refuse(str(refusal))
             else:
                 handler(request, Reply(answer, refuse))

@@ -15,7 +15,6 @@ from mecazen.graph import COLLECTOR, OBSERVERS
 from mecazen.loading import to_toml
 from mecazen.loop import Slot
 from mecazen.messages import (
-    Empty,
     Header,
     ParameterDescriptors,
     ParameterNames,
@@ -88,8 +87,8 @@ class Clock:
         configuration = to_toml(self.scenario)
         bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(self.sim_state()))
         bus.serve(keys.SIM_SCENARIO, lambda _, reply: reply.answer(String(data=configuration)))
-        bus.serve(keys.SIM_PAUSE, self._on_pause)
-        bus.serve(keys.SIM_RESUME, self._on_resume)
+        bus.serve(keys.SIM_PAUSE, lambda _, reply: self._pause(reply, paused=True))
+        bus.serve(keys.SIM_RESUME, lambda _, reply: self._pause(reply, paused=False))
         bus.serve(keys.SIM_STEP, self._on_step)
         bus.serve(keys.SIM_RESET, self._on_reset)
         bus.serve(keys.SIM_SPEED, self._on_speed)
@@ -275,16 +274,9 @@ class Clock:
             "paused": self.paused,
         }
 
-    def _on_pause(self, request: Empty, reply: Reply[SimState]) -> None:
-        del request
-        self._end_stepping("paused meanwhile")
-        self.paused = True
-        reply.answer(self.sim_state())
-
-    def _on_resume(self, request: Empty, reply: Reply[SimState]) -> None:
-        del request
-        self._end_stepping("resumed meanwhile")
-        self.paused = False
+    def _pause(self, reply: Reply[SimState], *, paused: bool) -> None:
+        self._end_stepping(f"{'paused' if paused else 'resumed'} meanwhile")
+        self.paused = paused
         self.schedule.restart(self.tick)
         reply.answer(self.sim_state())
 
