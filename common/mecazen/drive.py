@@ -136,14 +136,6 @@ def _let_off(missing: float, step: float, dt: float) -> float:
     return (missing / dt + step * n * (n - 1) / 2.0) / n
 
 
-def limit_twist(
-    state: LimiterStates, reference: Twist2D, limits: tuple[Limits, Limits, Limits], dt: float
-) -> LimiterStates:
-    """Return `limit` of each axis: x, y, yaw."""
-    x, y, yaw = (limit(*axis, dt) for axis in zip(state, reference, limits, strict=True))
-    return x, y, yaw
-
-
 class Drive(NamedTuple):
     """The twists (vx, vy, ω) that wheels and controller can follow.
 
@@ -198,11 +190,11 @@ class Drive(NamedTuple):
                 for v, axis in zip(wanted, self.axes, strict=True)
             )
             wanted = self.slowed(Twist2D(*goal))
-        ends = x, y, yaw = limit_twist(state, wanted, self.axes, dt)
+        x, y, yaw = (limit(*axis, dt) for axis in zip(state, wanted, self.axes, strict=True))
         twist = Twist2D(x.velocity, y.velocity, yaw.velocity)
         slowed = self.slowed(twist)
         if slowed is twist:
-            return ends
+            return x, y, yaw
         x, y, yaw = (
             LimiterState(velocity, (velocity - before.velocity) / dt)
             for velocity, before in zip(slowed, state, strict=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from mecazen.config import ControllerConfig, Scenario
-from mecazen.drive import LimiterState, LimiterStates, axis_limits, limit_twist
+from mecazen.drive import Drive, LimiterState, LimiterStates, axis_limits
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Twist2D
 from mecazen.messages import JointState
@@ -162,7 +162,7 @@ class Watchdog:
     def configure(self, scenario: Scenario) -> None:
         """Brake within the limits of a changed scenario from now on."""
         self._timeout_s, self._tick_s = scenario.wheel_timeout_s, scenario.sim.tick_s
-        self._limits = axis_limits(scenario.controller.limits)
+        self._drive = Drive(axes=axis_limits(scenario.controller.limits))
 
     def command(
         self, new: WheelCommand | None, age_s: float, speeds: Sequence[float]
@@ -183,6 +183,6 @@ class Watchdog:
             turning = WheelSpeeds(*(speeds if self._last.is_effort else self._last.values))
             x, y, yaw = map(LimiterState, self._kinematics.forward(turning))
             self._braking = x, y, yaw
-        self._braking = limit_twist(self._braking, Twist2D(), self._limits, self._tick_s)
+        self._braking = self._drive.limited(self._braking, Twist2D(), self._tick_s)
         twist = Twist2D(*(axis.velocity for axis in self._braking))
         return WheelCommand(self._kinematics.inverse(twist))
