@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from contextlib import closing
 
 import pytest
-from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D
 from mecazen.robot import WHEELS
 from mecazen.rollers import lateral_gain
@@ -111,21 +110,3 @@ def test_the_same_robot_drives_in_gazebos_physics_and_the_same_twice(shape):
     assert driven.wheels == pytest.approx([6.0 * 0.3] * len(WHEELS), rel=0.1)
     assert drives[0][1].x > driven.x
     assert drives[0] == drives[1]
-
-
-@needs_gazebo
-def test_gazebos_program_reports_unknown_commands(capfd):
-    with (
-        closing(GazeboEngine(robot("nexus"), 0.001, "capsule")) as engine,
-        pytest.raises(MecazenError, match="gazebo-peer has ended with 1"),
-    ):
-        engine.advance(["fast"], 1)
-    assert capfd.readouterr().err == "gazebo-peer: not understood: drive fast 1\n"
-
-
-def test_engines_that_are_not_installed_are_left_out(monkeypatch):
-    monkeypatch.setattr(gazebo_peer, "PROGRAM", gazebo_peer.PROGRAM.with_name("not-built"))
-    with physics.engines(robot("nexus")) as installed:
-        names = {engine.name for engine in installed}
-    assert physics.OURS in names
-    assert not any("Gazebo" in name for name in names)

@@ -7,7 +7,7 @@ import psutil
 import pytest
 from mecazen.errors import MecazenError
 from mecazen_bench import harness, latency, loop, processes, realtime
-from mecazen_bench.harness import Quantity, ResultsError, tables
+from mecazen_bench.harness import Quantity, ResultsError
 from mecazen_tools.cli.app import app
 from typer.testing import CliRunner
 
@@ -53,15 +53,6 @@ def test_a_change_is_judged_by_the_goal_of_the_figure(before, after, goal, sprea
     table, worse = harness.compare([figure(before, goal, spread)], [figure(after, goal, spread)])
     assert table.splitlines()[2].split("|")[-2].strip() == expected
     assert worse == (expected == "worse")
-
-
-def test_a_table_has_quartiles_and_empty_cells():
-    both = Quantity("T", "a", "y", 0.25, 0.2, 0.3, "1")
-    figures = [Quantity("T", "a", "x", 12_345.6, 12_345.6, 12_345.6, "more"), both]
-    figures.append(Quantity("T", "b", "y", 0.5, 0.5, 0.5, "1"))
-    assert tables(figures) == {
-        "T": "| | x | y |\n| --- | --- | --- |\n| a | 12,346 | 0.25 (0.2 to 0.3) |\n| b | | 0.5 |\n"
-    }
 
 
 def test_a_run_prints_its_tables_and_writes_its_figures(monkeypatch, tmp_path):
@@ -140,13 +131,6 @@ def test_every_command_is_answered_and_its_latency_measured():
     assert len(rows) == 3
     assert [row["lost"] for row in rows.values()] == [0, 0, 0]
     assert all(0.0 < row["median ms"] <= row["max ms"] for row in rows.values())
-
-
-def test_latencies_are_summarised_in_ms_without_those_that_are_lost():
-    row = latency.percentiles([number / 1e3 for number in range(101)] + [None, None])
-    assert values({"": row})[""] == pytest.approx(
-        {"median ms": 50.0, "p99 ms": 99.0, "max ms": 100.0, "lost": 2}
-    )
 
 
 def test_a_stack_in_real_time_is_measured_by_process():

@@ -1,8 +1,6 @@
 """mecazen/Follow-v0 as Gymnasium wants it, and as its document says."""
 
-import copy
 import math
-import pickle
 
 import gymnasium
 import mecazen_gym
@@ -75,17 +73,6 @@ def test_the_same_seed_and_actions_give_the_same_bits_also_in_other_processes(ma
     finally:
         vector.close()
     assert np.array_equal(np.concatenate(found), expected)
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])  # noqa: S301 - our own
-def test_a_copy_is_a_new_environment_with_the_same_options(make, copied):
-    env = make({"follower.standoff_m": 1.5}, scenario="side", period_s=0.05)
-    expected = episode(env, seed=8)
-    copy_of_it = copied(env)
-    try:
-        assert np.array_equal(episode(copy_of_it, seed=8), expected)
-    finally:
-        copy_of_it.close()
 
 
 def test_without_a_seed_each_episode_has_other_noise_and_all_follow_from_the_first_seed(make):
@@ -223,8 +210,3 @@ def test_what_can_not_be_used_is_said_in_one_line(options, said):
         gymnasium.make(NAME, **options)
     assert "\n" not in str(error.value)
     assert "--set" not in str(error.value)
-
-
-def test_a_seed_that_the_scenario_can_not_have_is_refused(make):
-    with pytest.raises(ConfigError, match="seed"):
-        make().reset(seed=2**32)

@@ -6,7 +6,6 @@ import shutil
 import signal
 from collections.abc import Callable
 from contextlib import closing
-from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
@@ -86,14 +85,6 @@ def ground(image: np.ndarray) -> np.ndarray:
     return np.abs(image - BACKGROUND).max(axis=-1) < 8
 
 
-def yellow(image: np.ndarray) -> np.ndarray:
-    return image[..., 1] - image[..., 2] > 60
-
-
-def blue(image: np.ndarray) -> np.ndarray:
-    return image[..., 2] - image[..., 0] > 60
-
-
 def shows_the_scene(image: np.ndarray) -> bool:
     """Return whether the person's red arrow is visible on mostly free ground."""
     return share(image, red) > 0.001 and 0.5 < share(image, ground) < 0.99
@@ -108,26 +99,6 @@ def until_shown(picture: Callable[[], bytes], good: Callable[[np.ndarray], bool]
     (ROOT / "out").mkdir(exist_ok=True)
     (ROOT / "out" / "not_shown.png").write_bytes(png)
     raise AssertionError("never shown; the last picture is out/not_shown.png")
-
-
-def test_a_native_viewer_shows_the_scene_and_plots_of_a_live_run(shown, attach):
-    attach.open(parse_qs(urlsplit(shown.url).query)["url"][0])
-    until_shown(attach.take_screenshot, lambda image: share(image, red) > 0.001)
-    state = attach.get_state()
-    assert all(view.visible and not view.reports for view in state.views)
-    views = {view.name: view.view_id for view in state.views}
-
-    def take(name):
-        return lambda: attach.take_screenshot(views[name])
-
-    follow = until_shown(take("following"), shows_the_scene)
-    # the robot is yellow, in the lower middle of the view that follows it
-    height, width, _ = follow.shape
-    around = follow[height // 2 :, width // 5 : 4 * width // 5]
-    assert share(around, yellow) > 0.01
-    plot = next(name for name in views if "error" in name)
-    lines = until_shown(take(plot), lambda image: share(image, blue) > 0.001)
-    assert share(lines, ground) < 0.5  # they take up some of it
 
 
 def test_a_browser_shows_a_live_run_at_the_printed_address(shown):

@@ -1,6 +1,5 @@
 """The screens of `mecazen status` and `mecazen up`, from the diagnostics of services on a bus."""
 
-import os
 import signal
 import time
 
@@ -8,18 +7,13 @@ import pytest
 from harness import SCENARIOS
 from mecazen.errors import BusError, ConfigError
 from mecazen.keys import SIM_STATE
-from mecazen.loading import load_scenario, parse_settings, scenario_path
+from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import DiagnosticArray, DiagnosticStatus, KeyValue, SimState, String, Time
 from mecazen.wire import encode
 from mecazen_tools.cli import status as command
 from mecazen_tools.cli import up
 from mecazen_tools.cli.status import Diagnostics, InputStatus, screen
-from mecazen_tools.cli.up import (
-    hints,
-    interrupt_on_signals,
-    overview,
-    settings_without,
-)
+from mecazen_tools.cli.up import interrupt_on_signals, settings_without
 from mecazen_tools.forking import STOPPING
 from rich.console import Console
 
@@ -131,17 +125,6 @@ def test_a_silent_service_is_stale_while_time_passes(sim, age_s, state, monkeypa
     assert (f"stale for {age_s} s" in "\n".join(lines_of(status))) is (state == "stale")
 
 
-def test_the_screen_says_why_the_person_is_lost():
-    lost = {"tracking": "lost", "reason": "hidden by a wall", "distance_error_m": "0.1"}
-    waiting = {"tracking": "waiting", "reason": "no frames from the sensor"}
-    status = status_of({"follower": lost, "target": {"true_distance_error_m": "2.31"}})
-    assert status.followed == {"": "lost: hidden by a wall, +2.310 m off (true)"}
-    assert lines_of(status)[1] == "robot: lost: hidden by a wall, +2.310 m off (true)"
-    assert lines_of(status_of({"follower": lost}))[1].endswith("wall, +0.100 m off (estimated)")
-    head = lines_of(status_of({"one/follower": waiting}))[1]
-    assert head == "one: waiting: no frames from the sensor"
-
-
 def test_services_of_the_scenario_come_first():
     alive = {"test", "physics", "physics/ready", "controller"}
     services = status_of({"record": {}}, alive=alive).services
@@ -173,23 +156,6 @@ def handlers():
 
 
 @pytest.mark.parametrize(
-    ("setting", "options"),
-    [
-        ('bus.connect=["tcp/127.0.0.1:7447"]', ""),
-        ('bus.connect=["tcp/127.0.0.1:7448"]', " --connect tcp/127.0.0.1:7448"),
-        ("bus.namespace=lab/a", " --namespace lab/a"),
-        ("bus.keys=/", f" --tls {os.path.relpath('/')}"),
-    ],
-)
-def test_the_shown_commands_connect_to_the_scenario(setting, options):
-    lines = hints(load_scenario(SCENARIOS / "teleop.toml", parse_settings((setting,))))
-    tools = [line for line in lines if line.startswith("mecazen ")]
-    assert all(line.startswith(f"mecazen{options} ") for line in tools)
-    assert f"mecazen{options} echo odom" in tools
-    assert any(line.startswith(f"mecazen{options} teleop ") for line in tools)
-
-
-@pytest.mark.parametrize(
     ("settings", "taken", "moved"),
     [
         ((), {7447, 9090, 9876}, ["bus.connect=", "viewer.web_port=0", "viewer.data_port=0"]),
@@ -217,30 +183,6 @@ def test_an_interrupt_in_a_destructor_is_not_lost():
     assert not interrupted.is_set()
     Dropping()
     assert interrupted.is_set()
-
-
-def test_the_overview_shows_places_pace_and_stale_reports(monkeypatch):
-    net, scenario = Net(), load_scenario(scenario_path("back"))
-    diagnostics = Diagnostics(net)
-
-    def report(service, **values):
-        """Return the overview after the report of a service."""
-        net.report(service, {key: str(value) for key, value in values.items()})
-        return overview(diagnostics, scenario)[1]
-
-    monkeypatch.setattr(time, "monotonic", lambda: 1000.0)
-    report("physics", x_m=0.5, y_m=-1.0, rtf=1.0, missed_deadlines=0)
-    text = report("target", x_m=1.0, y_m=2.0, walk_ended=True)
-    assert "  robot (+0.50, -1.00)  ·  person (+1.00, +2.00), the walk has ended" in text
-    assert text.endswith("  ·  1.0 × real time, 0 missed")
-    text = report("follower", tracking="following", distance_error_m=0.01)
-    assert "following, +0.010 m off (estimated)  ·" in text
-    monkeypatch.setattr(time, "monotonic", lambda: 1003.0)
-    text = report("target", true_distance_error_m=0.5)
-    assert "following, +0.500 m off (true) (stale, 3.0 s old)" in text
-    assert "stale" not in report("physics", rtf=0.1)  # so services report every 10 s
-    text = report("follower", tracking="lost", reason="hidden by a [wall]")
-    assert "lost: hidden by a \\[wall], +0.500 m off (true)" in text
 
 
 def test_service_is_left_out_unless_needed():

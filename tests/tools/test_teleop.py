@@ -15,20 +15,6 @@ def hand():
     return Hand(0.5, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("key", "twist"),
-    [
-        ("w", (0.5, 0.0, 0.0)),
-        ("a", (0.0, 0.5, 0.0)),
-        ("u", (0.5, 0.0, 1.0)),
-        ("x", (0.0, 0.0, 0.0)),
-    ],
-)
-def test_a_key_moves_in_its_direction(hand, key, twist):
-    hand.press(key, 10.0)
-    assert hand.command(10.0, REST) == twist
-
-
 def test_a_key_is_held_until_its_repeats_stop(hand):
     hand.press("w", 0.0)
     assert hand.command(0.69, REST).x == 0.5  # the first repeat may take 0.7 s

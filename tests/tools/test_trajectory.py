@@ -89,14 +89,6 @@ def test_row_is_complete_with_all_samples():
     assert (run.trajectory.done, run.trajectory.complete) == (2, True)
 
 
-def test_distance_error_is_averaged_from_first_motion():
-    run = Run(4)
-    for tick, person in enumerate([(1.0, 0.0), (3.0, 4.0), (0.0, 0.5), (-1.0, 0.0)]):
-        run.tick(tick, person=(*person, 0.0))
-    # distances 5, 0.5 and 1 instead of 1: errors 4, 0.5 and 0
-    assert run.trajectory.scores().d_err_m == 1.5
-
-
 def test_heading_error_is_wrapped():
     run = Run(3, follower=FollowerConfig(view="side_left"))  # which wants -90°
     run.tick(0)
