@@ -11,7 +11,7 @@ from harness import SCENARIOS, error_of
 from mecazen import keys, programs
 from mecazen.config import FollowerConfig, RobotConfig, Scenario
 from mecazen.errors import ConfigError
-from mecazen.graph import GRAPH, Graph, services
+from mecazen.graph import GRAPH, Graph
 from mecazen.keys import CLOCK, CMD_VEL, FOLLOWER_STATE, JOINT_COMMAND, ODOM, Topic
 from mecazen.loading import load_scenario
 from mecazen.messages import String
@@ -143,12 +143,6 @@ def test_nodes_take_part_with_the_sensor_that_needs_them(write_scenario, sensor,
     row = graph.giver(keys.OBSERVATION.key)
     assert (row and row.name) == giver
     assert (graph.giver(keys.TARGET_SKELETON.key) is not None) == bool(more)
-
-
-def test_nodes_of_a_service_share_its_process():
-    for nodes in services(GRAPH).values():
-        assert len({(row.observes, row.priority) for row in nodes}) == 1
-        assert len({row.shared for row in nodes if row.name != "motors"}) == 1
 
 
 def test_every_topic_and_call_is_in_the_table_once():

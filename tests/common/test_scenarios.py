@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import toys
 from harness import ROBOTS, ROOT, SCENARIOS, error_of
-from mecazen.config import BusConfig, ControllerConfig, SimConfig
+from mecazen.config import ControllerConfig, SimConfig
 from mecazen.config.follower import PidControl
 from mecazen.config.people import Standing, Straight
 from mecazen.errors import ConfigError
@@ -28,7 +28,6 @@ from mecazen.loading import (
 )
 from mecazen.robot import Payload
 from mecazen.robots import seed_of
-from mecazen.schema import Folder
 from mecazen.ticks import whole_ticks
 
 TWO = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
@@ -69,12 +68,6 @@ def test_a_saved_configuration_allows_another_choice(tmp_path):
     settings = {"follower.control.x.kp": 1, "follower.control.kind": "pid"}
     assert isinstance(load_scenario(path, settings).of("two").follower.control, PidControl)
     assert load_scenario(path, {"sensor.kind": "legs"}).sensor.kind == "legs"
-
-
-def test_another_kind_keeps_common_keys_of_the_file(write_scenario):
-    path = write_scenario("[target.path]\nkind = 'u_track'\nspeed_m_s = 0.7\nlength_m = 4.0\n")
-    loaded = load_scenario(path, {"target.path.kind": "circle"}).target.path
-    assert (loaded.speed_m_s, type(loaded).__name__) == (0.7, "Circle")
 
 
 @pytest.mark.parametrize("origin", ["the file", "a setting"])
@@ -209,10 +202,3 @@ def test_rates_divide_the_tick_rate(scenario):
         ("nobody.rate_hz", "nobody.rate_hz: a node's rate that is no number"),
     ):
         assert error_of(ConfigError, lambda rate=rate: scenario.ticks_per(rate)).startswith(line)
-
-
-def test_the_router_has_a_usual_port():
-    assert BusConfig().router_endpoints == ("tcp/127.0.0.1:7447",)
-    assert BusConfig(connect=("tcp://127.0.0.1:1",)).router_endpoints == ("tcp/127.0.0.1:1",)
-    assert BusConfig(keys=Folder("keys")).router_endpoints == ("tls/127.0.0.1:7447",)
-    assert BusConfig(zenoh_config=Path("zenoh.json5")).router_endpoints is None

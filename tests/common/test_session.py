@@ -8,24 +8,10 @@ from contextlib import closing
 import pytest
 import zenoh
 from harness import error_of, wait
-from mecazen.bus.session import includes, is_open, open_session, session_config
+from mecazen.bus.session import is_open, open_session, session_config
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
-
-
-def test_a_key_expression_includes_keys():
-    for expression, key, is_included in (
-        ("**", "odom", True),
-        ("target/*", "target/odom", True),
-        ("target/*", "target/a/b", False),
-        ("odom", "od", False),
-    ):
-        assert includes(expression, key) is is_included
-    for expression in ("", "/odom", "a//b", "o*"):
-        text = error_of(BusError, lambda wrong=expression: includes(wrong, "odom"))
-        assert text.startswith(f"{expression!r} is not a key expression: ")
-        assert ".rs" not in text
 
 
 def test_a_routers_taken_port_is_one_line(router):

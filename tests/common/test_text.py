@@ -3,15 +3,12 @@
 import logging
 import math
 import os
-import re
 from pathlib import Path
 
 import pytest
 from harness import error_of
-from mecazen.errors import ConfigError, explained, set_up_log
+from mecazen.errors import ConfigError, set_up_log
 from mecazen.files import open_regular, parse_value, read_text, to_value
-from mecazen.keys import CLOCK
-from mecazen.messages import Clock
 from mecazen.text import printable
 
 
@@ -53,19 +50,6 @@ def test_a_value_in_toml_is_read_again(value, text):
 def test_received_text_does_not_move_the_cursor():
     assert printable("[/oops] né |") == "[/oops] né |"
     assert printable("a\x1b[2Jb\n\x9bc\u202e") == "a\\u001b[2Jb\\n\\u009bc\\u202e"
-
-
-def fail(*_):
-    raise ValueError("two\n  lines")
-
-
-def test_an_error_is_explained_by_the_frames_outside_of_mecazen(bus):
-    bus.subscribe(CLOCK, fail)
-    with pytest.raises(ValueError, match="two") as caught:
-        bus.publisher(CLOCK).put(Clock(), None)  # through a frame of bus/base.py
-    place = r"test_text.py:\d+"
-    line = rf"ValueError: two lines \({place} test_an_error\w+ > {place} fail\)"
-    assert re.fullmatch(line, explained(caught.value))
 
 
 def test_a_log_line_has_simulated_time_level_and_service(monkeypatch, capsys):

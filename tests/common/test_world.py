@@ -127,13 +127,6 @@ def occupied(boxes, shape, resolution):
     return cells
 
 
-def test_boxes_cover_the_occupied_cells_alone(tmp_path):
-    cells = np.random.default_rng(1).random((30, 40)) < 0.3
-    picture = encoded(np.where(cells, 0, 255).astype("u1"), "PPM")
-    boxes = read_map(map_of(tmp_path, picture, origin="[0, 0, 0]"))
-    assert (occupied(boxes, cells.shape, 0.5) == cells).all()
-
-
 GREYS = np.array([[0, 40, 65, 100, 205, 254, 255]], "u1")
 
 

@@ -24,18 +24,15 @@ from follower.stepped import Follower
 from mecazen.config.follower import PidControl, PlannerConfig, PolarControl
 from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
 from mecazen.messages import Header, Time, diagonal_covariance
-from mecazen_follower.planner.costs import DISTANCE_M, JERKY, NEAR, Costs
-from mecazen_follower.planner.mppi import STEPS, Prediction, goals_of
-from mecazen_follower.planner.surroundings import CELL_M, MEMORY_S, DistanceField, LocalMap, Shadows
+from mecazen_follower.planner.costs import DISTANCE_M, JERKY, Costs
+from mecazen_follower.planner.mppi import Prediction, goals_of
+from mecazen_follower.planner.surroundings import MEMORY_S, LocalMap
 from mecazen_follower.search import Search
 from mecazen_follower.sight import ALL_AROUND
 from msgspec.structs import replace
 
 ORIGIN = Pose2D()
 SURE = diagonal_covariance((1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-3))
-NO_RETURN = 13.0
-PILLAR = 0.4, 0.25, 0.1
-"""In the way of a robot at the origin."""
 
 
 def test_hidden_points_are_remembered_for_a_while():
@@ -235,35 +232,6 @@ def test_costs_follow_the_priorities():
     assert costs.evaluate(jumping, situation()) == pytest.approx(JERKY * 2.0**2)
 
 
-def test_nearness_costs_and_contact_costs_most():
-    beside = BODY.width / 2 + math.hypot(BODY.length, BODY.width) / 2  # a quarter's disc
-    near, touching = (
-        EVERYWHERE.evaluate(
-            still(-1.2, 0.0), situation(np.array([[-1.2 - BODY.length / 2, beside + gap]]))
-        )[0]
-        for gap in (0.06, -0.06)
-    )
-    # the field is exact to half a cell's diagonal
-    off = CELL_M / math.sqrt(2.0)
-    low, high = (NEAR * (1.0 - (0.06 + error) / 0.12) ** 2 for error in (off, -off))
-    assert low <= near <= high
-    assert touching > 1e4
-
-
-def test_the_field_and_shadows_of_points():
-    points = np.array([[1.0, 0.5], [-2.0, 1.0]])
-    corners = np.full(2, -2.0), np.full(2, 1.0)
-    field = DistanceField(points, *corners)
-    for x, y in ((0.0, 0.0), (1.0, 0.5), (-1.7, 0.3)):
-        exact = min(math.dist((x, y), point) for point in points)
-        assert field.distance(np.array([x]), np.array([y]))[0] == pytest.approx(exact, abs=CELL_M)
-    assert np.isinf(DistanceField(NOTHING, *corners).distance(np.zeros(1), np.zeros(1)))
-    shadows = Shadows(np.zeros((1, 2)), points[None], np.full(2, 0.05))
-    x, y = np.array([[2.0, 0.8, 2.0, -4.0]]), np.array([[1.0, 0.4, 0.0, 2.0]])
-    # beyond the first, before it, beside it, beyond the second
-    assert shadows.hide(x, y, np.hypot(x, y)).tolist() == [[True, False, False, True]]
-
-
 def blocked(points=NOTHING, walkers=None, evades=False):
     """Return what blocks a robot at the origin, whose person is 1.2 m ahead."""
     around = situation(points, person=(1.2, 0.0, 0.0), walkers=walkers)
@@ -300,16 +268,6 @@ def test_a_plan_names_what_it_gives_up(judged, state):
     assert judged == (state, "a wall")
 
 
-@pytest.mark.parametrize("last", ["avoiding", "gave_up_bearing"])
-def test_a_priority_is_regained_at_half_the_error(last):
-    def aside(degrees):
-        angle = math.radians(degrees)
-        return plan((1.2 * math.cos(angle), 1.2 * math.sin(angle), 0.0), last=last).state
-
-    assert aside(20.0) == last  # of 30
-    assert aside(14.0) == "avoiding"
-
-
 def test_the_trail_leads_round_corners():
     # positions relative to the robot; the person comes from there at 0.4 m/s, upwards
     trail = np.array([(0.1 * k - 0.5, 0.0) for k in range(21)] + [(1.5, 0.1 * k) for k in (1, 5)])
@@ -324,17 +282,3 @@ def test_the_trail_leads_round_corners():
     assert goals.poses[0, :2, -1] == pytest.approx((0.0, 0.0))
     # besides the place to keep, which is behind, and two aside
     assert goals.poses.shape == (4, 3, 5)
-
-
-def test_the_mean_of_samples_improves_a_path():
-    _, planner = planner_of({"standoff_m": 1.2})
-    # the robot rests at the origin, 1.5 m behind a person who stands
-    around = situation(person=(1.5, 0.0, 0.0), goal=(0.3, 0.0, 0.0), steps=STEPS)
-    nominal = np.zeros((STEPS, 3, 2))
-    paths, costs = planner.search(nominal, around)
-    assert paths.x.shape == (STEPS, 4)
-    assert (paths.commands[..., :2] == nominal).all()
-    assert costs[0] == costs[1] == pytest.approx(27.0 * (0.3 / 0.5) ** 2)
-    assert (costs[2:] < costs[:2]).all()
-    again, _ = planner.search(nominal, around)
-    assert (again.commands == paths.commands).all()

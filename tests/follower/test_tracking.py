@@ -8,7 +8,7 @@ import pytest
 from mecazen.config import FollowerConfig, SensorConfig
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
-from mecazen_follower.association import DOUBT_S, is_flipped
+from mecazen_follower.association import DOUBT_S
 from mecazen_follower.measurement import NO_HEADING, Frame, Measurement, check
 from mecazen_follower.tracker import MAX_RATIO, PersonTracker, ReportedNoise
 
@@ -97,14 +97,6 @@ def test_a_heading_that_stays_reversed_is_believed(first, change):
         frames.tracker.add(frame)
         estimate = frames.tracker.step(time, Pose2D())
     assert abs(wrap(estimate.pose.yaw - yaw)) < math.radians(6.0)
-
-
-def test_heading_is_flipped_only_if_likelier():
-    sharp, blunt = math.radians(7.0) ** 2, math.radians(65.0) ** 2
-    assert is_flipped(math.radians(170.0), sharp)
-    assert not is_flipped(math.radians(80.0), sharp)
-    # at 65° an innovation of 150° is quite as likely as a flip that is off by 30°
-    assert not is_flipped(math.radians(150.0), blunt)
 
 
 PLACE = Pose2D(1.0, 0.0, 0.2)

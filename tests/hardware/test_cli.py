@@ -10,7 +10,6 @@ from harness import SCENARIOS, Command, Newest
 from mecazen.geometry import Pose2D
 from mecazen.keys import OBSERVATION, ODOM
 from mecazen.messages import Header, Observation, Pose, PoseWithCovariance
-from mecazen_hardware.checklist import wiring_problem
 from mecazen_hardware.emulator.world import EmulatedWorld, load
 from mecazen_tools.cli.hardware import app
 from mecazen_tools.processes import ProcessError
@@ -61,20 +60,6 @@ def test_a_board_that_falls_silent_ends_the_check():
         emulator.world.step = step
         done = run("check", "--yes", "--port", emulator.line.name)
         assert "the board has fallen silent: is its cable loose?" in str(done.exception)
-
-
-@pytest.mark.parametrize(
-    ("angles", "problem"),
-    [
-        ((3.0, 0.0, 0.0, 0.1), ""),
-        ((0.0, 0.1, 0.0, 0.0), "no wheel turned"),
-        ((3.0, 2.0, 0.0, 0.0), "front_right turned as well"),
-    ],
-)
-def test_each_mistake_of_wiring_has_its_words(angles, problem):
-    text = wiring_problem(0, angles)
-    assert text.startswith(problem)
-    assert bool(text) == bool(problem)
 
 
 COVARIANCE = tuple(0.0025 if n in (0, 7, 35) else 0.0 for n in range(36))

@@ -30,14 +30,6 @@ def errand(x, goal, speed=1.3):
     return Errand(Pose2D(x, 0.0, yaw), (goal,), False, speed)
 
 
-def test_single_pedestrian_reaches_the_goal_and_stands():
-    places = walk([errand(0.0, (8.0, 0.0))], 12.0)
-    # after 5 s: the speed relaxes within 0.5 s, so that 0.65 m are lost
-    assert places[249][0].x == pytest.approx(1.3 * 5.0 - 0.65, abs=0.05)
-    assert places[-1][0].distance(Pose2D(8.0, 0.0)) < 0.6
-    assert places[-1][0].distance(places[-50][0]) < 0.05
-
-
 def test_pedestrian_avoids_standing_and_moving_robots():
     for speed in (0.0, -0.5):
 
@@ -112,8 +104,6 @@ def test_repulsion_is_the_gradient_of_the_potential(velocity):
     ("thing", "place", "away", "distance"),
     [
         (Cylinder(size_m=(0.5, 2.0), position_m=(1.0, 0.0)), (0.0, 0.0), (-1.0, 0.0), 0.5),
-        (Box(size_m=(2.0, 1.0, 1.0), position_m=(0.0, 0.0)), (0.3, 1.5), (0.0, 1.0), 1.0),
-        (Box(size_m=(2.0, 2.0, 1.0), position_m=(0.0, 0.0)), (4.0, 5.0), (0.6, 0.8), 5.0),
         (
             Box(size_m=(2.0, 1.0, 1.0), position_m=(0.0, 0.0), yaw_deg=90.0),
             (1.5, 0.0),

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -23,7 +22,6 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen_people.curves import Lemniscate
 from mecazen_people.motion import with_gait
 from mecazen_people.paths import TwistWalk, make_path, scripted
-from mecazen_people.wander import LEAST_RADIUS_M, Kind, walker
 from people.walks import differences
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
@@ -187,21 +185,3 @@ def test_a_number_is_a_walker(walks):
     # the start shifts the cells of 5 ms by its rounding
     assert motions(3, 1.0)[-1].pose == pytest.approx(walks[3][-1].pose, abs=1e-3)
     assert len({walk[-1].pose for walk in walks}) == len(WALKERS)
-
-
-def test_walkers_do_all_that_people_do(walks):
-    kinds, speeds, turns = set(), [], []
-    for number in WALKERS:
-        character, plan = walker(number)
-        for _, segment in zip(range(40), plan, strict=False):
-            forward, left, turn = segment.targets
-            kinds.add(segment.kind)
-            assert math.hypot(forward, left) <= max(character.greatest, 0.6)
-            if segment.kind in (Kind.BEND, Kind.WINDING_WAY):
-                assert abs(forward / turn) >= LEAST_RADIUS_M - 1e-12
-            turns.append(turn)
-        speeds += [math.hypot(*motion.twist[:2]) for motion in walks[number]]
-    assert kinds == set(Kind)
-    assert {np.sign(turn) for turn in turns} == {-1.0, 0.0, 1.0}
-    assert min(speeds) < 0.02
-    assert 1.3 < max(speeds) < 2.0  # 1.6 and its ripple

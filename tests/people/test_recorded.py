@@ -120,24 +120,11 @@ def test_synthetic_walk_is_what_its_readme_makes():
     assert printed.getvalue() == (WALKS / "synthetic.csv").read_text()
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "no person has two samples"),
-        ("t,x_m,y_m\n0,0,0\n", "line 1: must name the columns time, x, y, and id"),
-        ("t_s,x_m,y_m\n0,0,0\n", "no person has two samples"),
-        ("t_s,x_m,y_m\n0,0,0\n1,nan,0\n", "line 3: x_m must be a number .* is 'nan'"),
-        (
-            "t_s,x_m,y_m\n0,0,0\n2,0,0\n2,1,0\n",
-            "line 4: t_s of person 1 must grow by at least 0.001 s; 2 follows 2",
-        ),
-        ("t_s,x_m,y_m\n0,0,0\n75600,1,0\n", "the times must span at most 14400 s, span 75600 s"),
-        ("id,t_s,x,y\na,0,0,0\na,1,1,0\nb,0,0,0\nb,1,1,0\n", "has 2 people: `mecazen people imp"),
-    ],
-)
-def test_malformed_table_is_refused_in_one_line(tmp_path, text, message):
+def test_a_track_of_hours_or_of_two_people_is_refused(tmp_path):
     file = tmp_path / "walk.csv"
-    file.write_text(text)
-    error = error_of(ConfigError, lambda: read_track(file))
-    assert error.startswith(f"{file}: ")
-    assert re.search(message, error)
+    for text, reason in (
+        ("t_s,x_m,y_m\n0,0,0\n75600,1,0\n", "the times must span at most 14400 s, span 75600 s"),
+        ("id,t_s,x,y\na,0,0,0\na,1,1,0\nb,0,0,0\nb,1,1,0\n", "has 2 people: `mecazen people"),
+    ):
+        file.write_text(text)
+        assert reason in error_of(ConfigError, lambda: read_track(file))

@@ -101,16 +101,6 @@ def test_groups_of_services_tls_and_access_control_change_no_trajectory(access_c
         assert result.trajectory_sha256 == expected
 
 
-@pytest.mark.parametrize("view", ["back", "side"])
-def test_each_estimator_improves_on_the_one_before(view):
-    raw, published, default = (
-        PINNED[name]
-        for name in (f"paper/{view}_without", f"paper/{view}_with", f"scenarios/{view}")
-    )
-    for score in ("d_err_m", "theta_err_deg"):
-        assert default[score] < published[score] < raw[score]
-
-
 def started(stack, *settings):
     """Start the services of a lockstep run, without its collector."""
     services = "services=['physics','controller','target','collector']"

@@ -10,7 +10,7 @@ import pytest
 from harness import assert_one_line, here, options
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from mecazen import Simulation, keys
+from mecazen import keys
 from mecazen.arrays import chain, turn
 from mecazen.config import SensorConfig
 from mecazen.graph import rows
@@ -106,20 +106,6 @@ def test_processes_of_robots_in_a_crowd_are_recorded_whole_and_computed_anew(con
     same = here(*anew, "--robot", "two")
     assert "identical: 200 of two/cmd_vel, 200 of two/follower/state" in same.stdout
     assert_one_line(here(*anew), 2, "--robot takes one or two")
-
-
-def test_a_recording_is_scored_whichever_program_drove(tmp_path):
-    file = tmp_path / "run.mcap"
-    services = {"services": ["physics", "controller", "target"]}
-    with Simulation("back", services, duration_s=2.0, record=file) as sim:
-        sim.command(vx=0.2)
-        sim.run()
-        expected = sim.scores()
-    done = here("score", file, "--json")
-    assert (done.returncode, done.stderr) == (0, "")
-    (scores,) = json.loads(done.stdout).values()
-    measured = scores["d_err_m"], scores["theta_err_deg"]
-    assert measured == (expected.d_err_m, expected.theta_err_deg)
 
 
 def frames_of(path):

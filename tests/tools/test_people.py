@@ -71,18 +71,10 @@ def test_farthest_walk_is_followed(people_import):
     ("text", "arguments", "expected"),
     [
         ("", (), "hall.txt: no person has two samples"),
-        (
-            "1 1 2\n",
-            (),
-            "line 1: must name the columns time, x, y, and",
-        ),
+        ("1 1 2\n", (), "line 1: must name the columns time, x, y, and"),
         ("1 1 0 0\n\n2 1 0\n", (), "line 3: must have 4 columns, has 3"),
         ("1 1 0 0\n2 1 0 ?\n", (), "line 2: y must be a number from -1e9 to 1e9, is '?'"),
-        (
-            "9 1 0 0\n9 1 1 1\n",
-            (),
-            "line 2: frame of person 1 must grow by at least",
-        ),
+        ("9 1 0 0\n9 1 1 1\n", (), "line 2: frame of person 1 must grow by at least"),
         ("id,time,x,y\n../a,0,0,0\n", (), "line 2: id must be of letters, digits, _, . and -"),
         ("1 1 0 0\n2 1 99 0\n", (), "people move at 248 m/s; x and y must be in metres"),
         (FORMATS["csv"], ("--target", "71"), "--target 71: no such person; did you mean 7? "),

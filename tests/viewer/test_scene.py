@@ -4,17 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from harness import SCENARIOS, load_robot
+from harness import load_robot
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import RobotConfig, Scenario, StartConfig, WorldConfig
 from mecazen.config.world import Patch, Ramp
 from mecazen.geometry import Pose2D, wrap
-from mecazen.loading import load_scenario
 from mecazen.messages import ros_covariance
 from mecazen.skeleton import JOINTS, LIMBS
 from mecazen_viewer import layout
-from msgspec.structs import replace
 from viewer.drawing import Drawing, following, odometry, report
 from viewer_stage import COVARIANCE
 
@@ -64,16 +62,6 @@ def test_observation_uses_the_pose_at_capture(drawing):
     content = drawing.end()
     # 1 m ahead of a robot at y = 0.2 m that looks along y
     assert content.last(layout.OBSERVATION, POINTS)[0][:2] == pytest.approx((0.0, 1.2), abs=1e-6)
-
-
-def test_pedestrians_are_drawn_unless_a_robot_follows_them(drawing):
-    walker = m.Person("walker_1", m.Pose.planar(Pose2D(1.0, 2.0)), height=1.7)
-    drawing.put(keys.PEOPLE, m.People(persons=(m.Person("target"), walker)))
-    limbs = np.array(drawing.end().last(layout.PEOPLE, STRIPS))
-    assert len(limbs) == len(LIMBS) + 2  # one body, with neck and shoulders
-    # who stands does so round the place of their pose, with the head 1.6 m above it
-    assert limbs[..., :2].mean(axis=(0, 1)) == pytest.approx((1.0, 2.0), abs=0.1)
-    assert limbs[..., 2].max() == pytest.approx(1.6, abs=0.1)
 
 
 def test_scan_is_drawn_within_its_range(drawing):
@@ -171,17 +159,6 @@ def test_invalid_covariance_is_drawn_as_a_dot(drawing):
     drawing.put(keys.OBSERVATION, m.Observation(m.Header(frame_id="world"), (pose,)))
     (columns,) = drawing.end().last(layout.OBSERVATION_ELLIPSE, STRETCH)
     assert np.abs(columns[:2]).max() < 0.01
-
-
-def test_camera_view_is_drawn_if_there_is_one(tmp_path):
-    drawing = Drawing(tmp_path, load_scenario(SCENARIOS / "crowd.toml"))
-    drawing.put(keys.TARGET_ODOM, odometry(Pose2D()))
-    assert layout.FRUSTUM in drawing.end().paths
-    blind = Drawing(tmp_path, Scenario(robot=replace(load_robot(), camera=None, lidar=None)))
-    blind.put(keys.GROUND_TRUTH, odometry(Pose2D(1.0)))
-    content = blind.end()
-    assert content.pose(layout.ROBOT).x == pytest.approx(1.0)
-    assert layout.FRUSTUM not in content.paths
 
 
 PHYSICS, TARGET = keys.diagnostics("physics"), keys.diagnostics("target")
