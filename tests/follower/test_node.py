@@ -23,7 +23,6 @@ from mecazen.loading import load_scenario
 from mecazen.messages import diagonal_covariance
 from mecazen.parameters import LiveParameters
 from mecazen_follower.measurement import NO_HEADING
-from mecazen_follower.node import FollowerNode
 
 AHEAD = Pose2D(1.5)
 WALL = wall(1.0, 2.0, 1.0)
@@ -264,21 +263,6 @@ def test_a_changed_standoff_keeps_the_person():
     forward = PERSON.compose(Pose2D(1.5))
     assert after.goal[0].to_planar()[:2] == pytest.approx(forward[:2], abs=2e-3)
     assert command.x == PROPORTIONAL.x.limit  # more than 2 m are missing
-
-
-@pytest.mark.parametrize(
-    ("settings", "line"),
-    [
-        ({"estimator_params": {"gain": 1.0}}, "imm has no parameter gain, allowed: "),
-        ({"control": {"kind": "fuzzy"}}, r"'fuzzy' - at `\$.control.kind`"),
-        ({"control": {"kind": "pid", "x": {"kp": -1.0}}}, r"\$.control.x.kp"),
-        ({"planner": {"priorities": ["distance"]}}, "priorities must be distance, visibility, "),
-        ({"standoff_m": 0.5}, "follower.standoff_m = 0.5 must be at least 0.58: the radii of"),
-    ],
-)
-def test_a_wrong_setting_is_one_clear_line(settings, line):
-    with pytest.raises((ConfigError, msgspec.ValidationError), match=line):
-        FollowerNode(Scenario(robot=NEXUS, follower=msgspec.convert(settings, FollowerConfig)))
 
 
 def test_settings_without_effect_are_refused(tmp_path):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from harness import SCENARIOS, Steps
 from mecazen import keys
-from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import (
@@ -142,16 +141,3 @@ def test_returning_person_has_a_new_identity():
     )
     names = [tuple(skeleton.id for skeleton in frame) for frame in frames]
     assert list(dict.fromkeys(names)) == [("1", "2"), ("1",), ("1", "3")]
-
-
-@pytest.mark.parametrize(
-    ("kind", "settings", "message"),
-    [
-        (DepthNode, ("sensors.depth.rate_hz=4",), "sensors.depth: period and latency must be"),
-        (TrackerNode, ("sensors.tracker.rate_hz=30",), "sensors.tracker.rate_hz = 30 must divide"),
-        (TrackerNode, ("sensors.tracker.latency_s=0.015",), "whole number of ticks"),
-    ],
-)
-def test_captures_must_be_at_updates_of_bodies(kind, settings, message):
-    with pytest.raises(ConfigError, match=message):
-        Sensor(kind, "sensors.skeleton_rate_hz=50", *settings)

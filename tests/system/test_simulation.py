@@ -101,29 +101,6 @@ def test_the_examples_in_the_docstrings_are_true(module):
 
 
 BOX = {"kind": "box", "size_m": [0.4, 0.4, 0.8], "position_m": [2.5, 0.0]}
-WALK = {"kind": "straight", "speed_m_s": 0.8, "y_m": 0.3, "yaw_deg": 0.0}
-
-
-@pytest.mark.parametrize(
-    ("settings", "reason"),
-    [
-        # the face at 2.3 m is reached at 0.2 m/s, 1 s after the start; checked each 2 cm
-        ({"sim.duration_s": 13.0}, "target.path: crosses the box at [2.5, 0] after 12.6 s; "),
-        ({"sim.duration_s": 12.0}, ""),  # the run ends before
-        (
-            {"target.path": {"kind": "standing"}, "crowd.walkers": [{"path": WALK | {"y_m": 0.1}}]},
-            "crowd.walkers.0.path: crosses the box at [2.5, 0] after 2.9 s; ",
-        ),
-    ],
-    ids=["box", "later", "walker"],
-)
-def test_a_path_through_an_obstacle_is_refused(settings, reason):
-    settings = {"sim.duration_s": 20.0, "world.obstacles": [BOX], **settings}
-    if not reason:
-        Simulation("back", settings).close()
-        return
-    error = error_of(ConfigError, lambda: Simulation("back", settings))
-    assert error.startswith(reason)
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,8 @@
 """The crowd as a node: the persons that it reports, the ticks, and the limits of a scenario."""
 
 import pytest
-from harness import SCENARIOS, Steps, error_of
+from harness import SCENARIOS, Steps
 from mecazen import keys
-from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import of_robot
 from mecazen.loading import load_scenario, parse_settings
@@ -123,17 +122,3 @@ def test_a_run_begun_anew_is_the_same_again():
     assert [crowd.tick(tick) for tick in range(0, 60, 2)] == first
     crowd.reset(99)
     assert crowd.tick(0) != first[0]
-
-
-POINTS = "crowd.walkers=[{ path = { kind = 'waypoints', points_m = [[0, 0], [0, 0]] } }]"
-
-
-@pytest.mark.parametrize(
-    ("walkers", "reason"),
-    [
-        (POINTS, "crowd.walkers.0.path: points_m: points 1 and 2 are the same"),
-        (WALKERS.replace("[{", "[{ enters_and_leaves = true,"), "the path must be recorded"),
-    ],
-)
-def test_a_wrong_walker_is_one_line(walkers, reason):
-    assert reason in error_of(ConfigError, lambda: Crowd("back", walkers))
