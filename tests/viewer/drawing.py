@@ -16,9 +16,9 @@ from mecazen.geometry import Pose2D, Twist2D
 from mecazen.runtime.process import observe
 from mecazen.wire import Stamp
 from rerun.chunk import RrdReader
-from viewer_stage import COVARIANCE
 
 MS = 10**6
+COVARIANCE = m.diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
 KIND, COMPONENT = b"rerun:kind", b"rerun:component"
 
 

@@ -1,6 +1,7 @@
 """The robot that is drawn of a URDF."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,6 @@ from mecazen.errors import RefusedError
 from mecazen.messages import JointState
 from mecazen_viewer.robot import RobotModel
 from viewer.toy import URDF
-from viewer_stage import values
 
 BASE, WHEEL, ROLLERS, MAST = (
     f"world/robot/{name}" for name in ("base_link", "wheel", "roller_0", "mast")
@@ -17,12 +17,19 @@ BASE, WHEEL, ROLLERS, MAST = (
 PLACES, TURNS = (f"InstancePoses3D:{name}" for name in ("translations", "quaternions"))
 
 
+def values(entities: dict[str, Any], path: str, component: str) -> np.ndarray:
+    """Return the logged values of a component of a path."""
+    batches = entities[path].as_component_batches()
+    logged = {str(batch.component_descriptor()): batch for batch in batches}
+    return np.array(logged[component].as_arrow_array().to_pylist())
+
+
 def states(**angles: float) -> JointState:
     return JointState(name=tuple(angles), position=tuple(angles.values()))
 
 
 def test_links_are_placed_by_all_joints():
-    model = RobotModel(urdf.read(URDF), {"r.stl": b""})
+    model = RobotModel(urdf.read(URDF), {"meshes/r.stl": b""})
     posed = dict(model.pose(states(wheel_joint=math.pi / 2, r0=math.pi / 2, other=9.0)))
     assert set(posed) == {path for path, _ in model.shapes} == {BASE, WHEEL, ROLLERS, MAST}
     # single precision

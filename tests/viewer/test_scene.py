@@ -4,17 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from harness import load_robot
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import RobotConfig, Scenario, StartConfig, WorldConfig
-from mecazen.config.world import Patch, Ramp
 from mecazen.geometry import Pose2D, wrap
 from mecazen.messages import ros_covariance
 from mecazen.skeleton import JOINTS, LIMBS
 from mecazen_viewer import layout
-from viewer.drawing import Drawing, following, odometry, report
-from viewer_stage import COVARIANCE
+from viewer.drawing import COVARIANCE, Drawing, following, odometry, report
 
 DETECTION = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0)), COVARIANCE)
 POINTS, STRIPS = "Points3D:positions", "LineStrips3D:strips"
@@ -78,21 +74,6 @@ def test_scan_is_drawn_within_its_range(drawing):
     x, y = 1.0 - left, 2.0 + ahead  # the robot looks along y: to its right is x
     points = drawing.end().last(layout.SCAN, POINTS)
     assert points == pytest.approx(np.array([[x + 1.0, y, up], [x, y + 2.0, up]]), abs=1e-6)
-
-
-def test_ramps_rails_and_patches_are_in_the_scene(tmp_path):
-    ramp = Ramp(length_m=1.0, width_m=0.8, rise_m=0.08, position_m=(3.0, 0.0), heading_deg=90.0)
-    patch = Patch(size_m=(2.0, 1.0), position_m=(1.0, 1.0), friction=0.3)
-    world = WorldConfig(ramps=(ramp,), patches=(patch,))
-    drawing = Drawing(tmp_path, Scenario(robot=load_robot(), world=world))
-    drawing.put(keys.TARGET_ODOM, odometry(Pose2D()))
-    content = drawing.end()
-    corners = content.last(f"{layout.RIDGES}/0", "Mesh3D:vertex_positions")
-    assert corners.min(axis=0) == pytest.approx((2.6, -1.5, 0.0), abs=1e-6)
-    assert corners.max(axis=0) == pytest.approx((3.4, 1.5, 0.08), abs=1e-6)
-    (outline,) = content.last(f"{layout.PATCHES}/0", STRIPS)
-    assert np.ptp(outline[:, :2], axis=0) == pytest.approx((2.0, 1.0))
-    assert len(content.last(f"{layout.OBSTACLES}/boxes", "Boxes3D:centers")) == 2  # rails
 
 
 @pytest.mark.parametrize("frame_id", ["world", "base_link"])
@@ -201,30 +182,6 @@ def test_changes_of_tracking_guard_and_health_are_logged(drawing):
     assert content.log("guard") == ["WARN guard: stop 0.30 m ahead", "INFO guard: clear"]
     assert content.log("physics") == ["INFO physics: ok", "WARN physics: refused payloads"]
     assert content.log("target") == ["INFO target: ok", "INFO target: the walk has ended"]
-
-
-def test_health_has_the_newest_values_of_all_services(tmp_path):
-    robots = tuple(
-        RobotConfig(name=name, start=StartConfig(y_m=y)) for name, y in (("one", 0.0), ("two", 1.0))
-    )
-    drawing = Drawing(tmp_path, Scenario(robot=load_robot(), robots=robots))
-    drawing.put(PHYSICS, report("physics", rtf="0.123456"))
-    drawing.put(PHYSICS, report("physics", rtf="0.987654"), 100)
-    for robot in ("two", "one"):
-        drawing.put(keys.diagnostics("follower"), report("follower"), 100, robot)
-        drawing.put(keys.FOLLOWER_STATE, m.FollowerState(tracking="lost"), 100, robot)
-        drawing.put(keys.GROUND_TRUTH, odometry(Pose2D()), 100, robot)
-    content = drawing.end()
-    ((text,),) = content.all(layout.HEALTH, "TextDocument:text")[-1:]
-    assert text.splitlines()[2:] == [
-        "| one/follower | ok |  |",
-        "| physics | ok | rtf 0.9877 |",
-        "| two/follower | ok |  |",
-    ]
-    lines = [f"ERROR {robot}/tracking: lost" for robot in ("one", "two")]
-    logged = [*content.log("one/follower"), *content.log("two/follower")]
-    assert [line for line in logged if "tracking" in line] == lines
-    assert {"world/one/robot", "world/two/robot", "plots/two/distance"} <= content.paths
 
 
 def test_markup_and_control_characters_of_clients_are_escaped(drawing):

@@ -16,23 +16,71 @@ import pytest
 import rerun as rr
 from harness import error_of, load_robot
 from hostile import forged
+from mecazen import keys
 from mecazen import messages as m
-from mecazen.config import Scenario, ViewerConfig
+from mecazen.bus import Bus
+from mecazen.config import RobotConfig, Scenario, StartConfig, ViewerConfig
 from mecazen.errors import ConfigError, RefusedError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.robot import WHEEL_JOINTS
+from mecazen.runtime.process import observe
 from mecazen.urdf import RobotDescription, serve_description
 from mecazen.wire import Stamp, encode
 from mecazen_tools.cli.view import view
 from mecazen_viewer.rerun_process import RerunError, RerunServer
 from mecazen_viewer.service import MEMORY_LIMIT, draw
 from rerun.experimental import ViewerClient, ViewerState
-from viewer.drawing import Content, following, odometry, report
-from viewer_stage import COVARIANCE, URDF, Stage, paths_of
+from viewer.drawing import COVARIANCE, Content, following, odometry, report
+from viewer.toy import URDF, stl
 
 ANYWHERE = ViewerConfig(web_port=0, data_port=0)
 GUARD = 200
 """Questions to a viewer that are answered one after the other: only a hang needs so many."""
+
+
+MESH = stl(((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.1, 0.0)))
+DESCRIPTION = RobotDescription(URDF, {"meshes/r.stl": MESH})
+POSE = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0, 2.0, 3.0)), COVARIANCE)
+
+
+class Stage:
+    """Publishes ticks of robots, each behind a person; its viewer keeps each run in memory."""
+
+    def __init__(self, *robots: str, described: bool = True) -> None:
+        self.bus = Bus()
+        self.names = robots or ("",)
+        for robot in self.names if described else ():
+            serve_description(self.bus, robot, DESCRIPTION)
+        members = tuple(
+            RobotConfig(name=name, start=StartConfig(y_m=float(number)))
+            for number, name in enumerate(robots)
+        )
+        self.viewer = observe("viewer", self.bus, Scenario(robot=load_robot(), robots=members))
+        self.viewer.send = self._take
+        self.shown: list[str] = []
+        """The names of the recordings that it has begun."""
+        self.memories: list[rr.MemoryRecording] = []
+
+    def _take(self, recording: rr.RecordingStream) -> None:
+        self.shown.append(recording.get_recording_id())
+        self.memories.append(recording.memory_recording())
+
+    def play(self, run: int, ticks: int, begin: int = 0) -> None:
+        """Publish ticks of a run, one after the other."""
+        for tick in range(begin, begin + ticks):
+            stamp, robot = Stamp(tick * 10**7, run, 7), Pose2D(0.004 * tick)
+            said = {
+                keys.GROUND_TRUTH: odometry(robot),
+                keys.JOINT_STATES: m.JointState(name=("wheel_joint",), position=(0.1 * tick,)),
+                keys.TARGET_ODOM: odometry(robot.compose(Pose2D(1.0))),
+                keys.OBSERVATION: m.Observation(m.Header(stamp.time, "base_link"), (POSE,)),
+                keys.ODOM: odometry(robot),
+                keys.FOLLOWER_STATE: following(robot.compose(Pose2D(1.0)), robot),
+                keys.CMD_VEL: m.Twist.planar(Twist2D(0.4)),
+            }
+            for name in self.names:
+                for topic, message in said.items():
+                    self.bus.publisher(keys.of_robot(topic, name)).put(message, stamp)
 
 
 def wait(viewer: ViewerClient, recordings: int, end_ns: int) -> ViewerState:
@@ -47,7 +95,7 @@ def wait(viewer: ViewerClient, recordings: int, end_ns: int) -> ViewerState:
 
 
 def test_late_viewer_sees_all_robots_and_runs(attach):
-    stage = Stage(robots=("one", "two"))
+    stage = Stage("one", "two")
     with closing(RerunServer(ANYWHERE)) as server:
         stage.viewer.serve_at(server.uri)
         stage.play(run=1, ticks=150)
@@ -57,7 +105,8 @@ def test_late_viewer_sees_all_robots_and_runs(attach):
         assert not any(view.reports for view in state.views)
         (timeline,) = state.recordings[0].timelines
         assert (timeline.name, timeline.start) == ("sim_time", 0)
-        paths = paths_of(attach, *state.recordings)
+        schema = attach.get_recording_schema(state.recordings[0].store_id, paths_only=True)
+        paths = {entity.entity_path for entity in schema.entities}
         for path in ("world/{}/robot/wheel", "world/{}/odom/estimate", "plots/{}/distance"):
             assert {f"/{path.format(robot)}" for robot in ("one", "two")} <= paths
         stage.play(run=2, ticks=50)
@@ -146,7 +195,6 @@ def test_memory_is_bounded_over_long_and_many_runs():
 
 
 DAMAGED_MS = 200
-POSE = m.PoseWithCovariance(m.Pose.planar(Pose2D(1.0, 2.0, 3.0)), COVARIANCE)
 GOOD = {
     "ground_truth/odom": (odometry(Pose2D(1.0, 2.0, 3.0)),),
     "odom": (odometry(Pose2D(1.0, 2.0, 3.0)),),
@@ -172,8 +220,8 @@ def test_each_run_is_one_recording():
 
 
 def test_missing_robot_description_is_one_line(caplog):
-    stage = Stage(described=False, robots=("one", "two"))
-    serve_description(stage.bus, "one", RobotDescription(URDF, {}))
+    stage = Stage("one", "two", described=False)
+    serve_description(stage.bus, "one", DESCRIPTION)
     with caplog.at_level(logging.WARNING):
         stage.play(run=1, ticks=20)
     assert [record.getMessage() for record in caplog.records] == [

@@ -8,8 +8,8 @@ URDF = """<robot name="toy">
     <geometry><box size="0.4 0.2 0.1"/></geometry><material name="dark"/></visual></link>
   <link name="wheel"><visual><origin xyz="0 0 0" rpy="1.5 0 0"/>
     <geometry><cylinder radius="0.05" length="0.04"/></geometry></visual></link>
-  <link name="roller_0"><visual><geometry><mesh filename="r.stl"/></geometry></visual></link>
-  <link name="roller_1"><visual><geometry><mesh filename="r.stl"/></geometry></visual></link>
+  <link name="roller_0"><visual><geometry><mesh filename="meshes/r.stl"/></geometry></visual></link>
+  <link name="roller_1"><visual><geometry><mesh filename="meshes/r.stl"/></geometry></visual></link>
   <link name="mast"><visual><origin xyz="0.3 0 0" rpy="0 0 0"/>
     <geometry><cylinder radius="0.01" length="1"/></geometry></visual></link>
   <joint name="wheel_joint" type="continuous"><parent link="base_link"/><child link="wheel"/>
