@@ -15,7 +15,6 @@ from mecazen.messages import Clock, Empty, ResetRequest, SpeedRequest, StepReque
 from mecazen.runtime.pace import (
     TICKS_APART,
     Pace,
-    Schedule,
     announce_readiness,
     declare_every,
     serve_every,
@@ -214,20 +213,6 @@ def test_robots_move_in_their_namespaces_with_one_stamp_per_tick():
     with pytest.raises(BusError, match=r"^blue/robot_description: shy"):
         rig.bus.call(blue, Empty())
     assert list(rig.bus.fetch_files("blue/robot_description/*").values()) == [b"blue"]
-
-
-def test_a_late_schedule_catches_up_within_a_second_or_restarts(wall):
-    schedule = Schedule(0.01, speed=2.0)
-    wall.now += 0.1
-    schedule.published(3)
-    assert schedule.wait_s(3, answered=True) < 0.0
-    assert schedule.wait_s(3, answered=False) == pytest.approx(0.0025)  # half a period
-    wall.now += 0.91
-    schedule.published(4)  # late by less than 1 s
-    assert schedule.wait_s(4, answered=True) == pytest.approx(-0.985)
-    wall.now += 0.02
-    schedule.published(5)
-    assert schedule.wait_s(5, answered=True) == pytest.approx(0.005)
 
 
 PATIENCE_S = 0.2

@@ -148,17 +148,6 @@ def test_modes_and_thresholds_are_those_of_map_server(changes, expected, tmp_pat
         assert "".join(str(int(cell)) for cell in cells[0]) == expected, (suffix, mode)
 
 
-def test_transparent_cells_are_unknown_and_16_bits_are_read(tmp_path):
-    half = Image.fromarray(np.zeros((1, 2), "u1")).convert("RGBA")
-    half.putalpha(Image.fromarray(np.array([[255, 0]], "u1")))
-    file = BytesIO()
-    half.save(file, "PNG")
-    wide = encoded(np.array([[0, 65535]], "u2"), "PNG", "I;16")
-    for picture in (file.getvalue(), wide):
-        (box,) = read_map(map_of(tmp_path, picture, origin="[0, 0, 0]"))
-        assert box["position_m"] == [0.25, 0.25]
-
-
 @pytest.mark.parametrize(
     ("picture", "changes", "line"),
     [

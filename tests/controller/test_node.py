@@ -158,13 +158,6 @@ def test_frames_joints_and_lengths_are_the_users():
     assert odom.child_frame_id == "b"
 
 
-@pytest.mark.parametrize(("share", "warnings"), [(1.05, 0), (3.3, 1)])
-def test_a_length_far_from_the_robots_is_a_warning(share, warnings, caplog):
-    Controller(half_track_m=NEXUS.half_track * share)
-    assert len(caplog.records) == warnings
-    assert all("controller.half_track_m = 0." in record.message for record in caplog.records)
-
-
 class Wheels(Steps):
     def __init__(self, tick_s=None, **settings):
         super().__init__(OdometryNode, scenario(**settings), tick_s)

@@ -6,7 +6,7 @@ from experiments.made_up import RATE_HZ, person, reported
 from mecazen.config.people import Body, Limp
 from mecazen.skeleton import INDEX, JOINTS, SIDES
 from mecazen_experiments.gait.motion import about_path, angles
-from mecazen_experiments.gait.refine import LOWER, UPPER, regular, unswapped
+from mecazen_experiments.gait.refine import LOWER, UPPER, unswapped
 from mecazen_experiments.gait.stages import seen_stages
 from mecazen_experiments.gait.strides import (
     Events,
@@ -161,15 +161,6 @@ def test_stride_times_vary_as_in_truth_despite_noise():
     assert abs(by_rhythm - true) < abs(by_extrema - true)
 
 
-def test_events_are_at_one_place_of_the_cycle_and_none_is_missing():
-    # the second stride takes 1.2 s, the others 1 s
-    even = np.arange(9) / 2.0
-    actual = even + np.array([0.0, 0.0, 0.0, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2])
-    times = regular(np.array([0.24, 1.31, 3.45]), even, actual)
-    assert times == pytest.approx([0.25, 1.3, 2.45, 3.45], abs=0.02)
-    assert len(regular(np.empty(0), even, actual)) == 0
-
-
 # ---- the estimator
 
 
@@ -223,15 +214,6 @@ def test_swaps_are_undone(walk, names):
     wrong = swap(noisy, np.r_[40:52, 120:123], names)
     assert unswapped(reported(t, wrong, 0.02)).joints == pytest.approx(noisy)
     assert unswapped(reported(t, noisy, 0.02)).joints == pytest.approx(noisy)
-
-
-def test_a_body_that_is_mirrored_for_seconds_is_put_right(walk):
-    t, joints = walk
-    wrong = swap(joints, (t > 5.0) & (t < 8.5), LOWER + UPPER)
-    put_right = unswapped(reported(t, wrong, 0.02)).joints
-    # where a mirror image begins and ends, its line from right to left is not known
-    sure = abs(t[:, None] - (5.0, 8.5)).min(axis=1) > 0.3
-    assert put_right[sure] == pytest.approx(joints[sure])
 
 
 def test_frames_without_a_body_are_bridged(walk):

@@ -20,21 +20,15 @@ from mecazen_experiments.identify import data
 from mecazen_experiments.identify.data import MotorLog, Run, checked
 from mecazen_experiments.identify.identification import (
     clock_offset,
-    gap_lines,
     identify,
     independent_units,
     run_units,
 )
 from mecazen_experiments.identify.models import Model, ambiguities, covariance, estimates, fit
-from mecazen_experiments.identify.motors import (
-    NAMES,
-    identify_motors,
-    response,
-)
+from mecazen_experiments.identify.motors import NAMES, identify_motors, response
 from mecazen_experiments.identify.validate import split
 from mecazen_experiments.identify.windows import (
     check_wheels,
-    cut,
     drifts,
     ideal_matrix,
     integrated,
@@ -147,15 +141,6 @@ def test_a_clock_that_is_ahead_is_estimated():
     run = driven()
     late = replace(run, poses=np.concatenate([run.poses[:1].repeat(5, axis=0), run.poses[:-5]]))
     assert clock_offset(OMNI4, [late]).mean == pytest.approx(0.05, abs=0.001)
-
-
-def test_windows_with_a_gap_are_left_out_and_reported():
-    run = driven(seconds=30.0)
-    kept = np.r_[0:1000, 1300:3001]
-    gap = checked(Run("gap.csv", "gap", run.times[kept], run.poses[kept], run.wheels[kept]))
-    assert gap.gaps == (999,)
-    assert len(cut(gap)[0]) == 53
-    assert gap_lines([gap]) == ["gap.csv: 1 gaps of up to 3.01 s; windows with a gap are left out"]
 
 
 @pytest.mark.parametrize("degrees", [-135, 40])
@@ -352,12 +337,6 @@ def text(rows):
     return {"metadata.csv": b"type,omni4\n", "run-01.csv.gz": gzip.compress(content)}
 
 
-def odometry_s(reference, odometry):
-    """Return the files of a session whose reference and odometry last for some seconds."""
-    metadata = f"gt_ti,0\ngt_tf,{reference}\nodo_ti,0\nodo_tf,{odometry}\n"
-    return {"metadata.csv": metadata.encode(), "run-01.csv": b"0,0,0,0,0,0,0,0\n" * 60}
-
-
 @pytest.mark.parametrize(
     ("files", "message"),
     [
@@ -371,7 +350,6 @@ def odometry_s(reference, odometry):
         ({}, "no session: a folder with metadata.csv"),
         ({"metadata.csv": b"a,b\n"}, r"no run-\*\.csv"),
         ({"metadata.csv": b"a,b\n", "run-01.csv.gz": b"\x1f\x8b\x08garbage"}, "can't be read"),
-        (odometry_s(100, 10), "durations of run 1: .* is 10; it"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, files, message):

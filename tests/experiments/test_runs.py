@@ -1,10 +1,8 @@
 """The store of finished runs, the retries of failed ones, and the keys by which runs are found."""
 
-import sqlite3
 from contextlib import closing
 
 import pytest
-from harness import error_of
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments import runs, versions
@@ -64,14 +62,6 @@ def test_a_run_that_fails_is_named_and_all_others_are_kept(store):
     with pytest.raises(RunsFailedError, match=r"^row, seed 9: out of the world$"):
         run_all(jobs(1, 9, 3), store, local_workers(1))
     assert store.find(f"key {n}" for n in (1, 9, 3)).keys() == {"key 1", "key 3"}
-
-
-@pytest.mark.parametrize("name", ["text.sqlite", "none/store.sqlite", "foreign.sqlite"])
-def test_what_can_t_be_a_store_is_one_line(tmp_path, name):
-    (tmp_path / "text.sqlite").write_text("no database, but long enough to look like it" * 10)
-    with closing(sqlite3.connect(tmp_path / "foreign.sqlite")) as database:
-        database.execute("create table runs (name)")
-    assert name in error_of(MecazenError, lambda: Store(tmp_path / name).find(["a"]))
 
 
 def test_the_version_changes_with_what_a_run_loads_and_nothing_else(tmp_path, monkeypatch):

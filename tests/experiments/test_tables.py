@@ -9,7 +9,7 @@ from mecazen_experiments.expansion import Job
 from mecazen_experiments.identify.models import jackknife
 from mecazen_experiments.study import Study, load_study
 from mecazen_experiments.tables import make_tables, markdown, most_per_hour, share_interval
-from mecazen_tools.statistics import Interval, mean_interval, paired_difference
+from mecazen_tools.statistics import Interval, mean_interval
 
 STUDY = """
 [[cases]]
@@ -120,12 +120,6 @@ def test_words_of_each_make_rows_and_where_selects(tmp_path):
     assert (lines[2], lines[-1]) == ("| stage | n | error \\| [m] |", "| fine | 1 | 1 |")
 
 
-def test_an_interval_of_equal_values_has_no_width_and_of_none_is_an_error():
-    assert mean_interval([0.1] * 30) == Interval(mean=0.1, low=0.1, high=0.1, n=30)
-    with pytest.raises(ValueError, match="no values"):
-        mean_interval([])
-
-
 def test_an_interval_is_that_of_student():
     # n = 2: tan(0.475 pi) = 12.706 times the half distance of the values, 0.5
     interval = mean_interval([1.0, 2.0])
@@ -166,9 +160,3 @@ def test_the_limit_of_a_rate_is_that_of_the_published_table(events, most):
     # one-sided 95 % limits of Poisson's distribution, Garwood 1936
     assert most_per_hour(events, 1.0) == pytest.approx(most, abs=5e-4)
     assert most_per_hour(events, 4.0) == pytest.approx(most / 4.0, abs=5e-4)
-
-
-def test_a_difference_is_taken_seed_by_seed_where_both_have_it():
-    before = {1: 1.0, 2: 5.0, 3: 100.0}
-    after = {2: 5.5, 1: 1.5, 4: -100.0}
-    assert paired_difference(before, after) == Interval(mean=0.5, low=0.5, high=0.5, n=2)

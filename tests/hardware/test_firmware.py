@@ -71,25 +71,6 @@ def test_twist_becomes_limited_rim_speeds():
     assert board.goal == [0.0, 1000.0, 1000.0, 0.0]  # the direction is lost; kept for ever
 
 
-@pytest.mark.parametrize("stop", [motion(0), frame(0x0F, b"\x5f")])
-def test_zero_motion_and_a_reset_brake(stop):
-    board = Firmware()
-    take(board, motion(500))
-    run(board, 20)
-    assert min(board.duty) > 0.44  # the fixed offset, from the first cycle of the loop on
-    take(board, stop)
-    assert board.duty == [0.0] * 4
-
-
-def test_duty_holds_until_the_next_motion():
-    board = Firmware()
-    take(board, frame(0x10, struct.pack("<4b", 10, -10, 0, 100)))
-    assert board.duty == pytest.approx([0.5, -0.5, None, 1.0], nan_ok=True)
-    take(board, motion(100), frame(0x10, struct.pack("<4b", 100, 100, 100, 100)))
-    run(board, 20)
-    assert max(board.duty) < 1.0
-
-
 def test_the_loop_reaches_a_speed():
     board, angle, speed = Firmware(), 0.0, 0.0
     take(board, motion(500))

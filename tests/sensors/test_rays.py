@@ -223,19 +223,3 @@ def test_noise_grows_with_the_square_of_depth(distance):
     # four standard errors of a mean and of a deviation
     assert np.mean(errors) == pytest.approx(0.0, abs=4 * std / math.sqrt(errors.size))
     assert np.std(errors) == pytest.approx(std, rel=4 / math.sqrt(2 * errors.size))
-
-
-def test_pixels_at_edges_are_lost_or_between_depths():
-    share, mount = 0.3, mounted(x=0.1, pitch_deg=10.0)
-    scene = room(wall(3.0), people=1)
-    scene.place_person(0, body(pose=(1.8, 0.0, 0.0)), HEIGHT)
-    exact = picture(scene, mount, **SHARP)
-    depths = picture(scene, mount, noise_m=0.0, edge_probability=share)
-    changed = depths != exact
-    lost, flying = changed & (depths == 0.0), changed & (depths > 0.0)
-    # the outline of a person: 2 x 5 limbs of some 60 pixels, with the trunk
-    assert 300 < np.sum(changed) / (2 * share) < 3000
-    for part in (lost, flying):
-        count = np.sum(changed) / 2
-        assert np.sum(part) == pytest.approx(count, abs=4 * math.sqrt(count))
-    assert np.all((depths[flying] < exact[flying]) & (depths[flying] > 1000.0))

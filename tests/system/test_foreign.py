@@ -8,11 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from harness import ROOT, SCENARIOS, here
-from mcap.reader import make_reader
-from mcap.writer import Writer
 from mecazen.loading import load_scenario
 from mecazen_recorder.foreign import open_recording
-from mecazen_tools.simulation import Simulation
 from mecazen_viewer.service import draw
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
@@ -157,40 +154,6 @@ def drives(path: Path, topics: str) -> Any:
 
     (drive,), _ = data.read([path], topics)
     return drive
-
-
-def cut(path: Path, copy: Path) -> None:
-    """Copy the first seconds of a recording as `mcap filter` does, its configuration at the end."""
-    with path.open("rb") as source, copy.open("wb") as target:
-        reader, writer = make_reader(source), Writer(target)
-        writer.start("ros2", "mcap go v1.7")
-        channels: dict[int, int] = {}
-        for schema, channel, message in reader.iter_messages():
-            if message.log_time > 10**9:
-                break
-            if channel.id not in channels:
-                schema_id = 0
-                if schema is not None:
-                    schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, schema_id, channel.metadata
-                )
-            times = message.log_time, message.data, message.publish_time
-            writer.add_message(channels[channel.id], *times)
-        for record in reader.iter_metadata():
-            writer.add_metadata(record.name, record.metadata)
-        writer.finish()
-
-
-def test_our_recording_is_read_after_a_tool(tmp_path):
-    recorded, file = tmp_path / "run.mcap", tmp_path / "cut.mcap"
-    with Simulation("mocap", duration_s=1.5, record=recorded) as sim:
-        sim.run()
-    cut(recorded, file)
-    assert "skeleton/observation" in run("info", file)
-    assert "distance" in run("score", file)
-    assert "identical" in run("replay", file, "--through", "follower")
-    assert draw(open_recording(file), tmp_path)
 
 
 CSV = "{time},x_m,y_cm,yaw_deg,target_x_m,target_y_m,target_yaw_rad\n{rows}"
