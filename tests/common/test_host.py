@@ -306,23 +306,6 @@ def test_neither_ended_runs_nor_open_topics_begin_a_run(viewer, bus, put):
         viewer.run()
 
 
-def test_refused_payloads_and_restarts_are_reported(bus, put, reports):
-    for alive in (True, False, True):
-        bus.presence.update("controller", alive=alive)
-        bus.presence.update("tool", alive=alive)
-    put(CLOCK, Clock(), at(0))
-    for key in ("cmd_vel", "cmd_vel", "joint_states"):
-        bus.put_bytes(key, b"x")
-    put(CLOCK, Clock(), at(100))
-    (well, values), (refused, counts) = reports
-    assert (well.level, well.message) == (0, "ok")
-    # of services, not of tools
-    assert values == {"runs": "1", "refused_payloads": "0", "restarts/controller": "1"}
-    assert (refused.level, refused.message) == (1, "refused payloads")
-    names = ("refused_payloads", "refused/cmd_vel", "refused/joint_states")
-    assert [counts[name] for name in names] == ["3", "2", "1"]
-
-
 def test_rates_and_ages_of_inputs_are_reported(bus, put, reports):
     for tick in range(301):
         put(CLOCK, Clock(), at(tick))

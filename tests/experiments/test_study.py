@@ -77,17 +77,6 @@ def test_each_case_runs_with_each_choice_value_and_seed(tmp_path):
     assert 0.5 <= min(speeds) < max(speeds) <= 0.9
 
 
-def test_options_replace_what_the_study_has(tmp_path):
-    jobs = expand(
-        load(tmp_path),
-        *([7], ("sim.duration_s=1.0",), {"sensor.rate_hz": ("10",)}),
-        only=["case=slow", "view=left"],
-    )
-    assert str(jobs[0]) == ("slow, left, follower.standoff_m=1.0, sensor.rate_hz=10, seed 7")
-    assert jobs[0].load().sim.duration_s == 1.0
-    assert {job.seed for job in jobs} == {7}
-
-
 def test_a_study_has_the_keys_of_the_study_that_it_extends(tmp_path):
     load(tmp_path)
     file = tmp_path / "mine.toml"

@@ -11,12 +11,7 @@ from hostile import forged
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.config import FollowerConfig, Scenario, SimConfig
-from mecazen.config.follower import (
-    LinearGains,
-    PidControl,
-    PlannerConfig,
-    PolarControl,
-)
+from mecazen.config.follower import PidControl, PlannerConfig, PolarControl
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.loading import load_scenario
@@ -178,17 +173,6 @@ def test_legs_start_a_track_only_without_a_camera(kind, tracking):
     for tick in range(0, 40, 4):
         _, state = follower.tick(tick, person=AHEAD, noise=noise, topic=keys.LEGS)
     assert state.tracking == tracking
-
-
-def test_short_gaps_of_ticks_are_integrated():
-    follower = Follower(control=PidControl(x=LinearGains(kp=1.0, ki=1.0, limit=2.0)))
-    for tick in (1000, 2000):
-        command, _ = follower.tick(tick, person=AHEAD)
-        assert command == pytest.approx((0.5 + 0.5 * 0.01, 0.0, 0.0))  # not 10 s of integral
-    command, _ = follower.tick(2001)
-    assert command.x == pytest.approx(0.5 + 0.5 * 0.02)
-    command, _ = follower.tick(2003)  # one was missed
-    assert command.x == pytest.approx(0.5 + 0.5 * 0.04)
 
 
 @pytest.mark.parametrize(

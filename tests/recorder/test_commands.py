@@ -20,7 +20,6 @@ from mecazen.schema import OutputFile
 from mecazen.urdf import ask_description, build_meshes
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
-from mecazen_recorder.service import free_name
 from mecazen_recorder.writer import RecordingError, RecordingWriter
 from mecazen_tools.cli import main
 from mecazen_tools.recorded import inspect
@@ -232,12 +231,3 @@ def test_the_service_records_the_services_of_its_scenario(program, tmp_path):
     assert recording.scenarios == {7: to_toml(scenario)}
     # its last diagnostics are themselves the ninth sample, and were written after the count
     assert recorder.diagnostics() == {"recorded": 9}
-
-
-def test_next_free_name_is_used(tmp_path, caplog):
-    path = tmp_path / "run.mcap"
-    assert free_name(path) == path
-    for name in ("run.mcap", "run-2.mcap"):
-        (tmp_path / name).touch()
-    assert free_name(path) == tmp_path / "run-3.mcap"
-    assert "run.mcap exists already; this recording is " in caplog.text

@@ -13,11 +13,10 @@ from harness import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen import messages as m
-from mecazen.messages import Message
 from mecazen.wire import RefusedError
 from mecazen_ros import cdr
 from mecazen_ros.services import OF_NODE
-from mecazen_ros.types import RosTypeError, definition, package_files, type_hash
+from mecazen_ros.types import definition, package_files, type_hash
 from ros import grammar
 
 with pytest.MonkeyPatch.context() as patch:
@@ -94,22 +93,6 @@ def test_hashes_are_those_of_ros():
     for service in OF_NODE:  # as in ros2_pyterfaces
         short = service.kind.rpartition("/")[2]
         assert type_hash(service.kind) == core.hash_rihs01(getattr(srv, short))
-
-
-def kind_of(annotation):
-    kind = msgspec.defstruct("Kind", [("field", annotation)], bases=(Message,), frozen=True)
-    kind.ROS_TYPE = f"test_msgs/msg/Kind{abs(hash(str(annotation)))}"
-    return kind
-
-
-@pytest.mark.parametrize("annotation", [dict[str, int], tuple[tuple[int, ...], ...], str | None])
-def test_an_annotation_without_a_ros_type_is_an_error(annotation):
-    kind = kind_of(annotation)
-    with pytest.raises(RosTypeError, match=r"test_msgs/msg/Kind\d+: field: ROS has no type for"):
-        cdr.encode(kind(field={}))
-    kind.ROS_TYPE = m.Time.ROS_TYPE
-    with pytest.raises(RosTypeError, match="builtin_interfaces/msg/Time: another message of this"):
-        cdr.encode(kind(field={}))
 
 
 def test_the_package_has_a_file_for_each_message_of_a_topic():

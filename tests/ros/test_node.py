@@ -83,15 +83,6 @@ def test_a_renamed_topic_is_published_while_subscribed(host, node, name):
     wait(bus, lambda: not listeners)
 
 
-def test_twists_of_both_types_come_on_renamed_keys(host, node, name):
-    bus, commands = host("controller", "", "controller.command_key='drive'")
-    slow, fast = Twist(Vector3(0.125)), Twist(Vector3(0.25))
-    for sent, command in ((slow, slow), (TwistStamped(twist=fast), fast)):
-        key = node.key_of("MS", f"/{name}/drive", f"/{type(sent).__name__}")
-        put = partial(node.put, key, cdr.encode(sent))
-        wait(bus, lambda put=put, command=command: put() or (keys.CMD_VEL, command) in commands)
-
-
 def test_ros_is_met_at_a_router_that_links_no_peers(host, raw_node, name, free_port):
     endpoint = f"tcp/127.0.0.1:{free_port}"  # as rmw_zenohd
     settings = session_config(BusConfig(connect=(endpoint,)), "router")

@@ -57,18 +57,6 @@ def double(value):
     return Value(DOUBLE, double_value=value)
 
 
-def test_names_are_listed_below_prefixes_to_a_depth():
-    node, nested = Simulation().node, "control.max_speed_m_s"
-
-    def listed(*prefixes, depth=0):
-        return {*called(node, "list_parameters", prefixes, depth).result.names}
-
-    assert {"use_sim_time", "standoff_m", nested} <= listed()
-    assert nested not in listed(depth=1)
-    assert {"view", nested} <= listed("control", "view", depth=1)
-    assert not listed("cont", f"{nested}.x")
-
-
 def test_values_and_descriptors_have_the_types_of_ros():
     node = Simulation().node
     names = "use_sim_time", "standoff_m", "bearing_deg", "view", "unknown"

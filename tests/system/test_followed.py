@@ -13,7 +13,6 @@ from mecazen_tools.observe import collect, observe
 from mecazen_tools.recorded import trajectory_of
 from mecazen_tools.run_figure import courses, draw
 from mecazen_tools.simulation import Simulation
-from mecazen_tools.table import deviations, first_motion
 
 PLANE = {"programs.physics": "mecazen_tools.plane:Plane"}
 
@@ -27,36 +26,6 @@ def run_of(scenario, drive=lambda *_: {}):
     with Simulation(scenario) as sim:
         (states,) = collect(sim, keys.GUARD_STATE, drive=drive).values()
         return sim.trajectory.table(), sim.trajectory.contacts(), states
-
-
-def distance_errors(faults):
-    """Return the errors of the distance from the first motion on [m]."""
-    path = {"kind": "circle", "radius_m": 3.0, "speed_m_s": 0.5, "start_after_s": 0.5}
-    settings = {"sim.duration_s": 12.0, "target.path": path, "sensor.faults": faults}
-    scenario = load("back", settings)
-    table = observe(scenario).table
-    return abs(deviations(table, scenario.follower.standoff)[0, first_motion(table) :])
-
-
-@pytest.fixture(scope="module")
-def clean():
-    return distance_errors({})
-
-
-@pytest.mark.parametrize(
-    "faults",
-    [
-        {"flip_probability": 0.03},
-        {"other_m": 1.0, "ids": True},
-        {"other_m": 1.0, "other_seen": False, "stand_ins_s": [[5.0, 7.0]]},
-    ],
-    ids=["flips", "second person", "stand-in"],
-)
-def test_no_fault_costs_half_the_distance_error_more(faults, clean):
-    errors = distance_errors(faults)
-    assert errors.mean() < 1.5 * clean.mean()
-    # nor is the robot drawn to where the person is not
-    assert errors.max() < clean.max() + 0.15
 
 
 def test_a_loss_is_explained_at_load_in_the_scores_the_recording_and_the_picture(tmp_path):
