@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from mecazen.config import Scenario
 from mecazen.config.people import Passerby
 from mecazen.config.services import MAX_DT_S
@@ -31,13 +32,13 @@ from mecazen.messages import (
     JointState,
     Message,
     Odometry,
-    People,
     Person,
     Point,
     Pose,
     PoseWithCovariance,
     Quaternion,
     String,
+    Time,
     Twist,
     TwistWithCovariance,
     Vector3,
@@ -53,13 +54,11 @@ from mecazen.wire import NS_PER_S
 from mecazen_physics.footprint import Footprint
 from mecazen_physics.instruments import Battery, Encoders, Imu
 from mecazen_physics.motors import real_motors
-from mecazen_physics.people import FASTEST_PERSON, MovingPerson, ReportedPerson
+from mecazen_physics.people import MovingPerson, ReportedPerson
 from mecazen_physics.simulation import Simulation
-from mecazen_physics.state import Vector
 from mecazen_physics.world import reachable
 
 NEEDS_JOINTS = f"needs {len(JOINTS)} joints"
-TOO_FAR = f"the person moved faster than {FASTEST_PERSON:g} m/s since the last sample"
 
 
 class PhysicsNode(Node):
@@ -201,24 +200,16 @@ class PhysicsNode(Node):
         topic, name = of_robot(self.person_topic, robot), self.followed[robot]
         message = inputs.get(topic)
         if message is not None:
+            if self.has_legs:
+                person = Person(name, height=message.height, joints=message.joints)
+            else:
+                person = Person(name, message.pose.pose, message.twist.twist)
             try:
-                self._place(name, self._followed_person(name, message, inputs.gap_s(topic)))
+                self._place(person, message.header.stamp, inputs.gap_s(topic))
             except RefusedError as refusal:
                 inputs.refuse(topic, str(refusal))
         if inputs.age_s(topic) > self.config.watchdog_s:
             self._stop(name)
-
-    def _followed_person(self, name: str, message: Any, gap_s: float) -> MovingPerson:
-        """Return a followed person as reported, `gap_s` after the last good sample."""
-        reported = self._reported(name)
-        pose = None if self.has_legs else message.pose.pose.to_planar()
-        points = _positions(message.joints) if pose is None else [pose[:2]]
-        if not reported.can_be_at(points, gap_s):
-            raise RefusedError(TOO_FAR)
-        if pose is None:
-            time = message.header.stamp.ns / NS_PER_S
-            return reported.with_joints(points, time, message.height)
-        return reported.upright(pose, message.twist.twist.to_planar())
 
     def _place_walkers(self, inputs: Inputs) -> None:
         """Place all other persons as reported, and remove those that are not.
@@ -234,40 +225,43 @@ class PhysicsNode(Node):
                 inputs.refuse(PEOPLE, NEEDS_JOINTS)
             else:
                 for name in (name for name in walkers if name not in present):
-                    self._remove(name)
-                for name, person in present.items():
-                    self._place(name, self._walker(person, people))
+                    del self.moving[name], self.reported[name]
+                    for robot in self.robots.values():
+                        robot.remove_person(self.numbers[name])
+                for person in present.values():
+                    self._place(person, people.header.stamp)
         if inputs.age_s(PEOPLE) > self.config.watchdog_s:
             for name in walkers:
                 self._stop(name)
 
-    def _walker(self, person: Person, people: People) -> MovingPerson:
-        if not self.has_legs:
-            return MovingPerson.upright(person.pose.to_planar(), person.twist.to_planar())
-        time = people.header.stamp.ns / NS_PER_S
-        joints = _positions(person.joints)
-        return self._reported(person.id).with_joints(joints, time, person.height)
+    def _place(self, person: Person, time: Time, gap_s: float = math.inf) -> None:
+        """Place a person as reported at a time, `gap_s` after the last good sample.
 
-    def _reported(self, name: str) -> ReportedPerson:
-        height = self.scenario.world.person.height_m
-        return self.reported.setdefault(name, ReportedPerson(height))
-
-    def _place(self, name: str, person: MovingPerson) -> None:
+        Raises:
+            RefusedError: Joints are missing, or the person has moved too far.
+        """
+        name, pose, height = person.id, person.pose.to_planar(), person.height
+        points: Sequence[Sequence[float]] = [pose[:2]]
+        if self.has_legs:
+            if len(person.joints) != len(JOINTS):
+                raise RefusedError(NEEDS_JOINTS)
+            points = [(joint.x, joint.y, joint.z) for joint in person.joints]
+        reported = self.reported.setdefault(name, ReportedPerson())
+        velocities = reported.velocities(points, time.ns / NS_PER_S, gap_s)
+        if self.has_legs:
+            height = height or self.scenario.world.person.height_m
+            moving = MovingPerson.of_joints(np.array(points), velocities, height)
+        else:
+            moving = MovingPerson.upright(pose, person.twist.to_planar())
         self.moving[name] = True
         number = self.numbers.setdefault(name, len(self.numbers))
-        self.simulation.place_person(number, person)
+        self.simulation.place_person(number, moving)
 
     def _stop(self, name: str) -> None:
         if self.moving.get(name):
             self.moving[name] = False
             for robot in self.robots.values():
                 robot.stop_person(self.numbers[name])
-
-    def _remove(self, name: str) -> None:
-        del self.moving[name]
-        self.reported.pop(name, None)
-        for robot in self.robots.values():
-            robot.remove_person(self.numbers[name])
 
     def answer(self, call: Call[Any, Any], request: Message) -> String:
         part = self.parts[self.calls[call]]
@@ -318,9 +312,3 @@ def _check_start(scenario: Scenario, name: str, obstacle: Footprint, what: str) 
     if robot.gap(obstacle) < 0.0:
         key = f"robots.{name}.start" if name else "start"
         raise ConfigError(f"{key}: the robot stands inside the {what}")
-
-
-def _positions(joints: Sequence[Point]) -> list[Vector]:
-    if len(joints) != len(JOINTS):
-        raise RefusedError(NEEDS_JOINTS)
-    return [(joint.x, joint.y, joint.z) for joint in joints]

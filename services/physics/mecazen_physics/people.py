@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen.portable import Floats
 from mecazen.skeleton import INDEX, LIMBS
@@ -98,43 +99,32 @@ class MovingPerson(NamedTuple):
 
 
 class ReportedPerson:
-    """A person who is reported by samples: estimates joint velocities, and checks plausibility.
+    """A person who is reported by samples: estimates joint velocities, and checks plausibility."""
 
-    `height` [m] is the default for a body of unknown height.
-    """
-
-    def __init__(self, height: float) -> None:
-        self._height = height
+    def __init__(self) -> None:
         self._points: Sequence[Sequence[float]] | None = None
         self._time = 0.0
 
-    def can_be_at(self, points: Sequence[Sequence[float]], gap_s: float) -> bool:
-        """Return whether points (n, 2 or 3) [m] are reachable from the last points in `gap_s`.
+    def velocities(self, points: Sequence[Sequence[float]], time: float, gap_s: float) -> Floats:
+        """Return the velocities of points (n, 2 or 3) [m] at `time` [s], 0 in the first sample.
 
-        A person who jumps would shove a robot.
+        Raises:
+            RefusedError: The points can't be reached from the last ones in `gap_s`: a person who
+                jumps would shove a robot.
         """
-        if self._points is None:
-            return True
-        steps = map(math.dist, points, self._points)
-        return all(step <= FASTEST_PERSON * gap_s for step in steps)  # False for NaN
-
-    def upright(self, pose: Pose2D, velocity: Twist2D) -> MovingPerson:
-        """Return a person at `pose`, moving with `velocity` in their own frame."""
-        self._points = [pose[:2]]
-        return MovingPerson.upright(pose, velocity)
-
-    def with_joints(
-        self, points: Sequence[Sequence[float]], time: float, height: float
-    ) -> MovingPerson:
-        """Return a person with joints (20, 3) [m] at `time` [s], at rest in the first sample."""
-        joints = np.array(points)
-        velocities = np.zeros_like(joints)
-        if self._points is not None and time > self._time:
-            velocities = (joints - np.array(self._points)) / (time - self._time)
-            speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
-            velocities *= FASTEST_PUSH / np.maximum(speeds, FASTEST_PUSH)
+        places = np.array(points)
+        velocities = np.zeros_like(places)
+        if self._points is not None:
+            steps = map(math.dist, points, self._points)
+            if not all(step <= FASTEST_PERSON * gap_s for step in steps):  # as for NaN
+                fastest = f"faster than {FASTEST_PERSON:g} m/s"
+                raise RefusedError(f"the person moved {fastest} since the last sample")
+            if time > self._time:
+                velocities = (places - np.array(self._points)) / (time - self._time)
+                speeds = np.linalg.norm(velocities, axis=1, keepdims=True)
+                velocities *= FASTEST_PUSH / np.maximum(speeds, FASTEST_PUSH)
         self._points, self._time = points, time
-        return MovingPerson.of_joints(joints, velocities, height or self._height)
+        return velocities
 
 
 def place(skeleton: Any, person: MovingPerson) -> None:
