@@ -101,7 +101,14 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         self.observation_space = batch_space(task.observation_space, num_envs)
         self.action_space = batch_space(task.action_space, num_envs)
         _check(self.scenario)
-        self._vary = dict(_range(name, limits) for name, limits in vary.items())
+        for name, (low, high) in vary.items():
+            if name not in VARIED:
+                hint = suggestion(name, VARIED)
+                raise ConfigError(f"vary: no {name!r}; {hint}allowed: {', '.join(VARIED)}")
+            is_positive = low > 0.0 or name not in ("mass", "speed", "friction")
+            if not (0.0 <= low <= high < math.inf and is_positive):
+                raise ConfigError(f"vary: {name} = ({low:g}, {high:g}) must be 0 < low <= high")
+        self._vary = dict(vary)
         self._tick_s, self._last = self.scenario.sim.tick_s, self.scenario.sim.ticks - 1
         ticks = math.ceil(self._vary.get("speed", (1.0, 1.0))[1] * self._last) + 2
         self.robots = PlanarRobots(self.scenario, num_envs)
@@ -285,13 +292,3 @@ def _check(scenario: Scenario) -> None:
             value = getattr(value, name)
         if value != allowed:
             raise ConfigError(f"{key}: the plane has only {allowed!r}{full}")
-
-
-def _range(name: str, limits: tuple[float, float]) -> tuple[str, tuple[float, float]]:
-    if name not in VARIED:
-        hint = suggestion(name, VARIED)
-        raise ConfigError(f"vary: no {name!r}; {hint}allowed: {', '.join(VARIED)}")
-    low, high = limits
-    if not 0.0 <= low <= high < math.inf or (low == 0.0 and name in ("mass", "speed", "friction")):
-        raise ConfigError(f"vary: {name} = ({low:g}, {high:g}) must be 0 < low <= high")
-    return name, (float(low), float(high))

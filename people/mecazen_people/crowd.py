@@ -18,6 +18,7 @@ from numpy.random import PCG64, Generator
 
 from mecazen_people import forces
 from mecazen_people.motion import PersonMotion
+from mecazen_people.paths import start_pose
 from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S
 
 ARRIVED_M = 0.3
@@ -65,11 +66,11 @@ def agent_at(pose: Pose2D, twist: Twist2D, radius: float) -> Agent:
 
 def errand_of(path: Goal) -> Errand:
     """Return the errand of a configured path."""
-    start = Pose2D(path.x_m, path.y_m, math.radians(path.yaw_deg))
     goals = (*path.via_m, path.goal_m)
     if path.back_and_forth:
         goals = (*goals, *path.via_m[::-1], (path.x_m, path.y_m))
-    return Errand(start, goals, path.back_and_forth, path.speed_m_s, path.start_after_s)
+    start_after_s = path.start_after_s
+    return Errand(start_pose(path), goals, path.back_and_forth, path.speed_m_s, start_after_s)
 
 
 def random_errands(

@@ -91,15 +91,6 @@ class RobotBody:
         """Whether the last call of `stand` has put all wheels on the ground plane."""
         dart_world.add(self.skeleton, self._layers)
 
-    def read(self) -> tuple[list[float], list[float]]:
-        """Return positions and velocities in the axes of the DART world.
-
-        The base comes first: a rotation vector [rad], base_link's origin [m] and the front axle's
-        angle [rad], and their rates [rad/s, m/s, rad/s]. Then come the joints, wheels and rollers,
-        [rad] and [rad/s].
-        """
-        return self.skeleton.getPositions().tolist(), self.skeleton.getVelocities().tolist()
-
     def align(self, yaw: float, yaw_rate: float, *, alone: bool) -> None:
         """Turn DART's axes to the rollers' if the robot is alone, else to the world's."""
         off, heading = self.world.alignment(yaw), 0.0

@@ -221,7 +221,8 @@ class SimulatedRobot:
         self.state = state
 
     def _read(self) -> RobotState:
-        position, velocity = self.body.read()
+        skeleton = self.body.skeleton
+        position, velocity = skeleton.getPositions().tolist(), skeleton.getVelocities().tolist()
         if self._stands and self.body.is_projected:
             # the rates of the projected positions: DART's are those of the hulls' edges
             for rate in PROJECTED_DOFS:

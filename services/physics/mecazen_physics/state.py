@@ -14,7 +14,8 @@ Quaternion = tuple[float, float, float, float]
 
 
 BASE_DOFS = 7
-"""Degrees of freedom of the base in space and of its front axle."""
+"""Degrees of freedom of the base in space and of its front axle, before those of the joints: a
+rotation vector [rad], base_link's origin [m] and the axle's angle [rad] in axes of the world."""
 
 
 class DivergedError(MecazenError):

@@ -1,8 +1,9 @@
-"""The recorder: writes samples of a bus to an MCAP file, as docs/recording.md specifies."""
+"""The recorder: writes samples of a bus to an MCAP file (docs/recording.md), and publishes them."""
 
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -30,8 +31,8 @@ from mecazen.wire import NS_PER_S, RefusedError, Stamp, decode
 from mecazen_ros.topics import TF
 
 from mecazen_recorder.frames import RobotFrames
-from mecazen_recorder.reader import read_scenario
-from mecazen_recorder.writer import FLUSH_S, RecordingWriter
+from mecazen_recorder.reader import Recording, read_scenario
+from mecazen_recorder.writer import FLUSH_S, RecordingError, RecordingWriter
 
 BACKLOG_BYTES = 64 << 20
 """Size of the queue of samples to write; samples beyond it are dropped and counted."""
@@ -245,3 +246,47 @@ def record_until_stopped(bus: ZenohBus, config: RecorderConfig) -> int:
     finally:
         recorder.writer.close()
     return recorder.count
+
+
+def publish(
+    recording: Recording,
+    bus: ZenohBus,
+    keys: Sequence[str] = ("**",),
+    *,
+    speed: float = 1.0,
+    begin_ns: float = 0,
+    end_ns: float = math.inf,
+    turn: int = 0,
+) -> int:
+    """Publish the samples of some keys with their original stamps; return their number.
+
+    `speed` is in simulated seconds per wall second; for the times see `Recording.samples`.
+    `turn`, the number of earlier publications, is added to the numbers of the runs, since services
+    drop ticks older than the newest tick of a run.
+
+    Raises:
+        RecordingError: The recording has no sample on these keys within these times, or the
+            type of a sample does not match its key.
+    """
+    published, run = 0, None
+    start_s, start_ns = 0.0, math.nan  # begin of the run
+    for sample in recording.samples(begin_ns, end_ns):
+        if not any(includes(expression, sample.key) for expression in keys):
+            continue
+        if recording.is_foreign and sample.kind is None:  # without content
+            continue
+        stamp = sample.stamp
+        if math.isnan(start_ns) or (stamp is not None and stamp.run != run):
+            start_s, start_ns = time.monotonic(), sample.time_ns
+        if stamp is not None:
+            run = stamp.run
+            stamp = stamp._replace(run=(run + turn) % 2**32)
+        due_s = start_s + (sample.time_ns - start_ns) / (speed * NS_PER_S)
+        while (left_s := due_s - time.monotonic()) > 0.0:
+            bus.spin_once(left_s)
+        with recording.reading(sample):
+            bus.put_bytes(sample.key, *sample._replace(stamp=stamp).as_published())
+        published += 1
+    if not published:
+        raise RecordingError(f"{recording.path}: nothing on these keys in this time")
+    return published

@@ -34,27 +34,17 @@ LOOKS = {"forearm": SKIN, "head": SKIN, "thigh": TROUSERS, "shank": TROUSERS, "f
 """The cover of a limb, by the end of its name; clothes cover other limbs."""
 DRAWN_TRUNK = 0.7
 """Share of the trunk's line that is drawn, so that its round end reaches the shoulders."""
-NECK_AND_SHOULDERS = (
-    (INDEX["neck"], INDEX["head"], 0.033, SKIN),
-    (INDEX["left_shoulder"], INDEX["right_shoulder"], 0.032, CLOTHES),
-)
+DRAWN = [
+    (limb.begin, limb.end, limb.radius, LOOKS.get(limb.name.rpartition("_")[2], CLOTHES))
+    for limb in LIMBS
+]
+DRAWN += [("neck", "head", 0.033, SKIN), ("left_shoulder", "right_shoulder", 0.032, CLOTHES)]
 """Ends, radius as a share of the body's height, and cover."""
 _BONES = np.array([(INDEX[start], INDEX[joint]) for joint, start in PARENTS.items() if start])
-_LIMBS = np.array(
-    [(INDEX[limb.begin], INDEX[limb.end]) for limb in LIMBS]
-    + [(begin, end) for begin, end, _, _ in NECK_AND_SHOULDERS]
-)
+_LIMBS = np.array([(INDEX[begin], INDEX[end]) for begin, end, _, _ in DRAWN])
+_RADII = np.array([radius for _, _, radius, _ in DRAWN])
 _TRUNK = next(number for number, limb in enumerate(LIMBS) if limb.name == "trunk")
 _ROUND = _LIMBS[:, 0] == _LIMBS[:, 1]
-
-
-_COVERS = [
-    *(next((LOOKS[end] for end in LOOKS if limb.name.endswith(end)), CLOTHES) for limb in LIMBS),
-    *(cover for _, _, _, cover in NECK_AND_SHOULDERS),
-]
-_RADII = np.array(
-    [limb.radius for limb in LIMBS] + [radius for _, _, radius, _ in NECK_AND_SHOULDERS]
-)
 
 
 def styles() -> Iterator[Entity]:
@@ -89,7 +79,7 @@ def bodies(joints: Floats, heights: Floats, look: Look) -> rr.LineStrips3D:
     strips[:, _ROUND] += np.array([[[-0.01], [0.01]]])
     pelvis, neck = strips[:, _TRUNK, 0], strips[:, _TRUNK, 1]
     strips[:, _TRUNK, 1] = pelvis + DRAWN_TRUNK * (neck - pelvis)
-    colours = [look[cover] for cover in _COVERS] * len(joints)
+    colours = [look[cover] for _, _, _, cover in DRAWN] * len(joints)
     return rr.LineStrips3D(
         strips.reshape(-1, 2, 3), colors=colours, radii=np.outer(heights, _RADII).ravel()
     )

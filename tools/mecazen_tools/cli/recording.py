@@ -137,7 +137,7 @@ def replay(
     """
     from mecazen.urdf import serve_description
     from mecazen_recorder.foreign import open_recording
-    from mecazen_recorder.replay import publish
+    from mecazen_recorder.service import publish
 
     recording = open_recording(file, topics, scenario, trusted=trust)
     if through is not None:
