@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
 from mecazen.config.people import Gait
 from mecazen.geometry import Pose2D, Twist2D
@@ -20,15 +21,13 @@ class PersonMotion(NamedTuple):
     """Distance travelled since the start [m]."""
 
 
-class PersonPath(Protocol):
+class PersonPath(NamedTuple):
     """A motion known for all times."""
 
-    @property
-    def duration(self) -> float:
-        """Time from which on the person stands [s]; inf for an endless path."""
-
-    def at(self, t: float) -> PersonMotion:
-        """Return the motion at any time `t` [s]; at rest before 0 and after the end."""
+    duration: float
+    """Time from which on the person stands [s]; inf for an endless path."""
+    at: Callable[[float], PersonMotion]
+    """Return the motion at any time [s]; at rest before 0 and after the end."""
 
 
 class DrivenWalk:

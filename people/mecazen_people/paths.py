@@ -17,11 +17,11 @@ from mecazen.geometry import Pose2D, Twist2D, rotate
 from mecazen_people import wander
 from mecazen_people.body.files import READERS
 from mecazen_people.body.recording import read_pelvis
-from mecazen_people.curves import Arcs, Curve, Lemniscate, SmoothCurve
+from mecazen_people.curves import Curve, arcs, lemniscate, smooth_curve
 from mecazen_people.dataset import read_track
 from mecazen_people.forces import nearest, shapes_of
 from mecazen_people.motion import PersonMotion, PersonPath
-from mecazen_people.recorded import RecordedWalk
+from mecazen_people.recorded import recorded_walk
 
 SCRIPT_YAW_ACCELERATION_DEG_S2 = 720.0
 STEP_M, LONGEST_STEP_S = 0.02, 0.1
@@ -35,46 +35,42 @@ CELL_S = 0.005
 most."""
 
 
-class CurveWalk:
-    """A curve walked at constant `speed` [m/s] from time 0; the person stands at its end."""
+def along(curve: Curve, speed: float) -> PersonPath:
+    """Return a curve walked at constant `speed` [m/s] from time 0; the person stands at its end."""
+    duration = curve.length / speed
 
-    def __init__(self, curve: Curve, speed: float) -> None:
-        self._curve = curve
-        self._speed = speed
-        self.duration = curve.length / speed
-
-    def at(self, t: float) -> PersonMotion:
-        s = min(max(t, 0.0) * self._speed, self._curve.length)
-        pose, curvature = self._curve.at(s)
-        if not 0.0 <= t < self.duration:
+    def at(t: float) -> PersonMotion:
+        s = min(max(t, 0.0) * speed, curve.length)
+        pose, curvature = curve.at(s)
+        if not 0.0 <= t < duration:
             return PersonMotion(pose, Twist2D(), s)
-        return PersonMotion(pose, Twist2D(self._speed, 0.0, self._speed * curvature), s)
+        return PersonMotion(pose, Twist2D(speed, 0.0, speed * curvature), s)
+
+    return PersonPath(duration, at)
 
 
-class TwistWalk:
-    """A velocity in the person's frame for each cell of `CELL_S`, from the origin along x."""
+def by_twists(twists: Iterable[Twist2D]) -> PersonPath:
+    """Return a walk with a velocity in the person's frame for each cell of `CELL_S`."""
+    cells: list[PersonMotion] = []
+    pose, walked = Pose2D(), 0.0
+    for twist in twists:
+        cells.append(PersonMotion(pose, twist, walked))
+        pose = pose.integrate(twist, CELL_S)
+        walked += math.hypot(twist.x, twist.y) * CELL_S
+    last = PersonMotion(pose, Twist2D(), walked)
 
-    def __init__(self, twists: Iterable[Twist2D]) -> None:
-        self._cells: list[PersonMotion] = []
-        pose, walked = Pose2D(), 0.0
-        for twist in twists:
-            self._cells.append(PersonMotion(pose, twist, walked))
-            pose = pose.integrate(twist, CELL_S)
-            walked += math.hypot(twist.x, twist.y) * CELL_S
-        self._last = PersonMotion(pose, Twist2D(), walked)
-        self.duration = len(self._cells) * CELL_S
-
-    def at(self, t: float) -> PersonMotion:
+    def at(t: float) -> PersonMotion:
         if t < 0.0:
             return PersonMotion(Pose2D())
         number = math.floor(t / CELL_S + 1e-9)
-        if number >= len(self._cells):
-            return self._last
-        pose, twist, walked = self._cells[number]
+        if number >= len(cells):
+            return last
+        pose, twist, walked = cells[number]
         since = max(t - number * CELL_S, 0.0)
-        return PersonMotion(
-            pose.integrate(twist, since), twist, walked + math.hypot(twist.x, twist.y) * since
-        )
+        walked += math.hypot(twist.x, twist.y) * since
+        return PersonMotion(pose.integrate(twist, since), twist, walked)
+
+    return PersonPath(len(cells) * CELL_S, at)
 
 
 def scripted(
@@ -93,45 +89,38 @@ def scripted(
             yield Twist2D(*((a + b) / 2 for a, b in zip(before, twist, strict=True)))
 
 
-class BackAndForth:
-    """A path walked to its end, and back on the same line, again and again.
+def back_and_forth(path: PersonPath) -> PersonPath:
+    """Return a path walked to its end, and back on the same line, again and again.
 
     At both ends the person turns to the left, on the spot. An endless path has no end to turn at.
     """
+    duration = path.duration
+    length = 0.0 if math.isinf(duration) else path.at(duration).distance
 
-    duration = math.inf
-
-    def __init__(self, path: PersonPath) -> None:
-        self._path = path
-        self._distance = 0.0 if math.isinf(path.duration) else path.at(path.duration).distance
-
-    def at(self, t: float) -> PersonMotion:
-        duration = self._path.duration
+    def at(t: float) -> PersonMotion:
         ways, since = divmod(max(t, 0.0), duration + TURN_S)
         returns = ways % 2.0 == 1.0
-        pose, twist, distance = self._path.at(duration - since if returns else min(t, since))
+        pose, twist, distance = path.at(duration - since if returns else min(t, since))
         yaw, turned = pose.yaw, since - duration
         if returns:
             # the velocity is reversed, and so are the axes in which it is given
             yaw, twist = yaw + math.pi, twist._replace(yaw=-twist.yaw)
-            distance = self._distance - distance
+            distance = length - distance
         if turned > 0.0:
             yaw, twist = yaw + math.pi * turned / TURN_S, Twist2D(yaw=math.pi / TURN_S)
-        return PersonMotion(pose._replace(yaw=yaw), twist, ways * self._distance + distance)
+        return PersonMotion(pose._replace(yaw=yaw), twist, ways * length + distance)
+
+    return PersonPath(math.inf, at)
 
 
-class Placed:
-    """A path that starts at the time `start_after` [s], with its frame at the pose `start`."""
+def placed(path: PersonPath, start: Pose2D, start_after: float = 0.0) -> PersonPath:
+    """Return a path that starts at the time `start_after` [s], with its frame at `start`."""
 
-    def __init__(self, path: PersonPath, start: Pose2D, start_after: float = 0.0) -> None:
-        self._path = path
-        self._start = start
-        self._start_after = start_after
-        self.duration = start_after + path.duration
+    def at(t: float) -> PersonMotion:
+        pose, twist, distance = path.at(t - start_after)
+        return PersonMotion(start.compose(pose), twist, distance)
 
-    def at(self, t: float) -> PersonMotion:
-        pose, twist, distance = self._path.at(t - self._start_after)
-        return PersonMotion(self._start.compose(pose), twist, distance)
+    return PersonPath(start_after + path.duration, at)
 
 
 def start_pose(path: config.Walk | config.Driven | config.Goal) -> Pose2D:
@@ -142,15 +131,14 @@ def start_pose(path: config.Walk | config.Driven | config.Goal) -> Pose2D:
 def make_path(path: config.Walk) -> PersonPath:
     """Return the configured path, in the world."""
     start = start_pose(path)
-    walk: PersonPath
     match path:
         case config.Standing():
-            return Placed(CurveWalk(Arcs([(0.0, 0.0)]), 1.0), start)
+            return placed(along(arcs([(0.0, 0.0)]), 1.0), start)
         case config.Recorded():
             reader, smoothing = read_track, TRACK_SMOOTHING_S
             if path.file.suffix.lower() in READERS:
                 reader, smoothing = read_pelvis, MOTION_SMOOTHING_S
-            walk = RecordedWalk(reader(path.file), path.smoothing_s or smoothing)
+            walk = recorded_walk(reader(path.file), path.smoothing_s or smoothing)
             start = start.compose(walk.at(0.0).pose.between(Pose2D()))
         case config.Script():
             steps = []
@@ -159,14 +147,14 @@ def make_path(path: config.Walk) -> PersonPath:
                 twist = Twist2D(x, y, math.radians(step.yaw_rate_deg_s))
                 steps.append((step.duration_s, twist))
             yaw = math.radians(SCRIPT_YAW_ACCELERATION_DEG_S2)
-            walk = TwistWalk(scripted(steps, path.acceleration_m_s2, yaw))
+            walk = by_twists(scripted(steps, path.acceleration_m_s2, yaw))
         case config.Wander():
-            walk = TwistWalk(wander.twists(path.number, path.duration_s, CELL_S))
+            walk = by_twists(wander.twists(path.number, path.duration_s, CELL_S))
         case _:
-            walk = CurveWalk(_curve(path), path.speed_m_s)
+            walk = along(_curve(path), path.speed_m_s)
     if path.back_and_forth:
-        walk = BackAndForth(walk)
-    return Placed(walk, start, path.start_after_s)
+        walk = back_and_forth(walk)
+    return placed(walk, start, path.start_after_s)
 
 
 def check_path(path: PersonPath, world: WorldConfig, height: float, until: float) -> None:
@@ -207,15 +195,15 @@ def _curve(
             curvature = path.yaw_rate_rad_s / path.speed_m_s
             straight = (path.length_m, 0.0)
             arc = (math.pi / curvature, _side(path.turn) * curvature)
-            return Arcs([straight, arc, straight])
+            return arcs([straight, arc, straight])
         case config.Straight():
-            return Arcs([(path.length_m, 0.0)])
+            return arcs([(path.length_m, 0.0)])
         case config.Circle():
-            return Arcs([(math.inf, _side(path.turn) / path.radius_m)])
+            return arcs([(math.inf, _side(path.turn) / path.radius_m)])
         case config.FigureOfEight():
-            return Lemniscate(path.length_m, _side(path.turn))
+            return lemniscate(path.length_m, _side(path.turn))
         case config.Waypoints():
-            return SmoothCurve(path.points_m)
+            return smooth_curve(path.points_m)
 
 
 def _side(turn: config.Turn) -> float:

@@ -10,7 +10,7 @@ import scipy  # its parts are loaded when they are used: most paths need none
 from mecazen.geometry import Pose2D, Twist2D, rotate, wrap
 from mecazen.portable import Floats, arctan2
 
-from mecazen_people.motion import PersonMotion
+from mecazen_people.motion import PersonMotion, PersonPath
 
 STANDING_M_S, WALKING_M_S = 0.2, 0.3
 """Below the first speed the heading is held, above the second it follows the motion, between them
@@ -22,8 +22,8 @@ _STEP_S = 0.04  # between knots of the motion
 _CORRECTION = 5.0  # gain on the lag of the heading [1/s]
 
 
-class RecordedWalk:
-    """The motion of a recorded track, from time 0 on, in the frame of the recording.
+def recorded_walk(track: Floats, smoothing: float) -> PersonPath:
+    """Return the motion of a recorded track, from time 0 on, in the frame of the recording.
 
     Cubics in time interpolate the samples: the person stands still between equal samples and
     walks evenly over a gap. The position is the moving average of that curve, since samples of
@@ -38,38 +38,36 @@ class RecordedWalk:
         track: Time [s], x and y [m] of each sample (n, 3), or also the heading [rad] (n, 4).
         smoothing: Window of the moving average [s].
     """
+    times, places = track[:, 0] - track[0, 0], track[:, 1:]
+    end = float(times[-1])
+    # extended by point reflection about both ends, so that the average keeps the ends
+    times = np.concatenate((-times[:0:-1], times, 2 * end - times[-2::-1]))
+    before, after = 2 * places[0] - places[:0:-1], 2 * places[-1] - places[-2::-1]
+    places = np.concatenate((before, places, after))
+    curve = scipy.interpolate.CubicHermiteSpline(times, places, limited_slopes(times, places))
+    area, window = curve.antiderivative(), min(smoothing, end)
+    knots = np.linspace(0.0, end, math.ceil(end / _STEP_S) + 1)
+    start, stop = knots - window / 2, knots + window / 2
+    means = (area(stop) - area(start)) / window
+    velocities = ((curve(stop) - curve(start)) / window)[:, :2]
+    means, turns = means[:, :2], means[:, 2:]
+    speeds = np.hypot(*velocities.T)
+    headings = turns[:, 0] if turns.size else _headings(velocities, speeds, float(knots[1]))
+    distances = scipy.integrate.cumulative_trapezoid(speeds, knots, initial=0.0)
+    values = np.column_stack((means, headings, distances))
+    slopes = np.column_stack((velocities, limited_slopes(knots, headings), speeds))
+    motion = scipy.interpolate.CubicHermiteSpline(knots, values, slopes)
 
-    def __init__(self, track: Floats, smoothing: float) -> None:
-        times, places = track[:, 0] - track[0, 0], track[:, 1:]
-        end = self.duration = float(times[-1])
-        # extended by point reflection about both ends, so that the average keeps the ends
-        times = np.concatenate((-times[:0:-1], times, 2 * end - times[-2::-1]))
-        before, after = 2 * places[0] - places[:0:-1], 2 * places[-1] - places[-2::-1]
-        places = np.concatenate((before, places, after))
-        curve = scipy.interpolate.CubicHermiteSpline(times, places, limited_slopes(times, places))
-        area, window = curve.antiderivative(), min(smoothing, end)
-        knots = np.linspace(0.0, end, math.ceil(end / _STEP_S) + 1)
-        start, stop = knots - window / 2, knots + window / 2
-        means, velocities = (
-            (area(stop) - area(start)) / window,
-            (curve(stop) - curve(start)) / window,
-        )
-        means, turns, velocities = means[:, :2], means[:, 2:], velocities[:, :2]
-        speeds = np.hypot(*velocities.T)
-        headings = turns[:, 0] if turns.size else _headings(velocities, speeds, float(knots[1]))
-        distances = scipy.integrate.cumulative_trapezoid(speeds, knots, initial=0.0)
-        values = np.column_stack((means, headings, distances))
-        slopes = np.column_stack((velocities, limited_slopes(knots, headings), speeds))
-        self._motion = scipy.interpolate.CubicHermiteSpline(knots, values, slopes)
-
-    def at(self, t: float) -> PersonMotion:
-        inside = min(max(t, 0.0), self.duration)
-        x, y, yaw, distance = self._motion(inside).tolist()
+    def at(t: float) -> PersonMotion:
+        inside = min(max(t, 0.0), end)
+        x, y, yaw, distance = motion(inside).tolist()
         pose = Pose2D(x, y, wrap(yaw))
         if t != inside:
             return PersonMotion(pose, Twist2D(), distance)
-        dx, dy, yaw_rate, _ = self._motion(inside, 1).tolist()
+        dx, dy, yaw_rate, _ = motion(inside, 1).tolist()
         return PersonMotion(pose, Twist2D(*rotate(dx, dy, -yaw), yaw_rate), distance)
+
+    return PersonPath(end, at)
 
 
 def limited_slopes(knots: Floats, values: Floats) -> Floats:

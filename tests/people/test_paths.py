@@ -27,11 +27,11 @@ from mecazen.config.people import (
 )
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D, wrap
-from mecazen_people.curves import Lemniscate
+from mecazen_people.curves import lemniscate
 from mecazen_people.dataset import read_track
-from mecazen_people.motion import with_gait
-from mecazen_people.paths import TwistWalk, make_path, scripted
-from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, RecordedWalk
+from mecazen_people.motion import PersonPath, with_gait
+from mecazen_people.paths import by_twists, make_path, scripted
+from mecazen_people.recorded import MAX_YAW_RATE, STANDING_M_S, recorded_walk
 from people.walks import differences
 
 POINTS = ((0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (-1.0, 4.0), (1.0, 5.0), (5.0, 4.0))
@@ -127,7 +127,7 @@ def test_twist_is_the_derivative_of_the_pose(name):
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_lemniscate_has_its_known_length_and_curvature(side):
-    curve = Lemniscate(2.0, side)
+    curve = lemniscate(2.0, side)
     half = 2.622057554292119  # the lemniscate constant: half the length at half width 1
     assert curve.at(half)[0] == pytest.approx((0.0, 0.0, -side * math.pi / 2), abs=1e-12)
     assert curve.at(2.0 * half)[0] == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
@@ -147,7 +147,7 @@ def test_gait_sways_each_stride_and_pulses_each_step():
 
 
 def test_a_hard_stop_covers_v_squared_over_2a():
-    walk = TwistWalk(scripted([(3.0, Twist2D(1.8, 0.0, 0.0))], 6.0, 12.0))
+    walk = by_twists(scripted([(3.0, Twist2D(1.8, 0.0, 0.0))], 6.0, 12.0))
     speeding_up, at_speed = walk.at(0.3).pose.x, walk.at(3.0).pose.x
     # a ramp ends within a cell of when it should
     assert speeding_up == pytest.approx(1.8**2 / 12.0, abs=1.8 * CELL_S)
@@ -212,11 +212,11 @@ def line(t: float) -> tuple[float, float, float]:
     return t, 2.0 + 0.6 * t, 1.0 + 0.8 * t
 
 
-def recorded(samples: list[tuple[float, float, float]]) -> RecordedWalk:
-    return RecordedWalk(np.array(samples), SMOOTHING_S)
+def recorded(samples: list[tuple[float, float, float]]) -> PersonPath:
+    return recorded_walk(np.array(samples), SMOOTHING_S)
 
 
-def every(track: RecordedWalk, dt: float = 0.01) -> list[float]:
+def every(track: PersonPath, dt: float = 0.01) -> list[float]:
     return [k * dt for k in range(1, int(track.duration / dt))]
 
 
@@ -263,7 +263,7 @@ def test_heading_of_any_track_is_continuous(steps):
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_recorded_person_moves_as_people_do(file):
     samples = read_track(file)
-    track = RecordedWalk(samples, SMOOTHING_S)
+    track = recorded_walk(samples, SMOOTHING_S)
     first = samples[0, 0]
     off = [math.dist(track.at(t - first).pose[:2], (x, y)) for t, x, y in samples.tolist()]
     # The samples of tracked people are good to about a decimetre, and jump by five.

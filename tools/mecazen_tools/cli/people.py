@@ -103,12 +103,12 @@ def import_(
 
 def _scenario(tracks: dict[str, Floats], target: str, folder: Path) -> dict[str, Any]:
     """Return the tables of a scenario with the tracks of people, which begin after time 0."""
-    from mecazen_people.recorded import RecordedWalk  # noqa: PLC0415  # imports SciPy
+    from mecazen_people.recorded import recorded_walk  # noqa: PLC0415  # imports SciPy
 
     paths = {}
     for person, track in tracks.items():
         smoothing = max(SMOOTHING_S, 2.0 * float(np.median(np.diff(track[:, 0]))))
-        pose = RecordedWalk(track, smoothing).at(0.0).pose
+        pose = recorded_walk(track, smoothing).at(0.0).pose
         paths[person] = {
             "kind": "recorded",
             "file": f"{folder.name}/{person}.csv",
