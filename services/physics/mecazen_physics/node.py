@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from mecazen import messages as m
 from mecazen.config import Scenario
 from mecazen.config.people import Passerby
 from mecazen.config.services import MAX_DT_S
@@ -26,22 +27,6 @@ from mecazen.keys import (
     Topic,
     call_of_robot,
     of_robot,
-)
-from mecazen.messages import (
-    Header,
-    JointState,
-    Message,
-    Odometry,
-    Person,
-    Point,
-    Pose,
-    PoseWithCovariance,
-    Quaternion,
-    String,
-    Time,
-    Twist,
-    TwistWithCovariance,
-    Vector3,
 )
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robot import WHEELS
@@ -146,13 +131,13 @@ class PhysicsNode(Node):
                 self._place_followed(name, inputs)
             self._place_walkers(inputs)
             self.simulation.advance(commands, self.steps_per_tick)
-        outputs: dict[Topic[Any], Message] = {}
+        outputs: dict[Topic[Any], m.Message] = {}
         for name in self.parts:
             for topic, message in self._sense(name, tick).items():
                 outputs[of_robot(topic, name)] = message
         return outputs
 
-    def _sense(self, name: str, tick: Tick) -> dict[Topic[Any], Message]:
+    def _sense(self, name: str, tick: Tick) -> dict[Topic[Any], m.Message]:
         """Return a robot's joints, its true pose, and the measurements of its instruments."""
         robot, now = self.robots[name], tick.time
         state = robot.state
@@ -161,21 +146,21 @@ class PhysicsNode(Node):
             count = len(WHEELS)
             counted, changes = self.encoders[name].measure(positions[:count])
             positions, velocities = counted + positions[count:], changes + velocities[count:]
-        pose = Pose(Point(*state.position), Quaternion(*state.orientation))
-        twist = Twist(linear=Vector3(*state.linear), angular=Vector3(*state.angular))
-        outputs: dict[Topic[Any], Message] = {
-            JOINT_STATES: JointState(
-                header=Header(stamp=now, frame_id="base_link"),
+        pose = m.Pose(m.Point(*state.position), m.Quaternion(*state.orientation))
+        twist = m.Twist(linear=m.Vector3(*state.linear), angular=m.Vector3(*state.angular))
+        outputs: dict[Topic[Any], m.Message] = {
+            JOINT_STATES: m.JointState(
+                header=m.Header(stamp=now, frame_id="base_link"),
                 name=robot.joint_names,
                 position=positions,
                 velocity=velocities,
                 effort=tuple(state.joint_effort),
             ),
-            GROUND_TRUTH: Odometry(
-                header=Header(stamp=now, frame_id="world"),
+            GROUND_TRUTH: m.Odometry(
+                header=m.Header(stamp=now, frame_id="world"),
                 child_frame_id="base_link",
-                pose=PoseWithCovariance(pose=pose),
-                twist=TwistWithCovariance(twist=twist),
+                pose=m.PoseWithCovariance(pose=pose),
+                twist=m.TwistWithCovariance(twist=twist),
             ),
         }
         for topic, instrument in self.instruments[name].items():
@@ -201,9 +186,9 @@ class PhysicsNode(Node):
         message = inputs.get(topic)
         if message is not None:
             if self.has_legs:
-                person = Person(name, height=message.height, joints=message.joints)
+                person = m.Person(name, height=message.height, joints=message.joints)
             else:
-                person = Person(name, message.pose.pose, message.twist.twist)
+                person = m.Person(name, message.pose.pose, message.twist.twist)
             try:
                 self._place(person, message.header.stamp, inputs.gap_s(topic))
             except RefusedError as refusal:
@@ -234,7 +219,7 @@ class PhysicsNode(Node):
             for name in walkers:
                 self._stop(name)
 
-    def _place(self, person: Person, time: Time, gap_s: float = math.inf) -> None:
+    def _place(self, person: m.Person, time: m.Time, gap_s: float = math.inf) -> None:
         """Place a person as reported at a time, `gap_s` after the last good sample.
 
         Raises:
@@ -263,9 +248,9 @@ class PhysicsNode(Node):
             for robot in self.robots.values():
                 robot.stop_person(self.numbers[name])
 
-    def answer(self, call: Call[Any, Any], request: Message) -> String:
+    def answer(self, call: Call[Any, Any], request: m.Message) -> m.String:
         part = self.parts[self.calls[call]]
-        return String(data=build_urdf(part.robot, part.controller.base_frame_id))
+        return m.String(data=build_urdf(part.robot, part.controller.base_frame_id))
 
     def files(self) -> Mapping[str, Mapping[str, bytes]]:
         names = self.calls.items()
