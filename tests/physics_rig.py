@@ -89,7 +89,8 @@ class Rig:
         throw(self.robot, x, y)
 
     def place_person(self, pose: Pose2D, velocity: Twist2D = Twist2D()) -> None:  # noqa: B008
-        self.world.place_person(0, MovingPerson.upright(pose, velocity))
+        for robot in self.world.robots:
+            robot.place_person(0, MovingPerson.upright(pose, velocity))
 
 
 def throw(robot: SimulatedRobot, x: float, y: float = 0.0) -> None:

@@ -110,9 +110,6 @@ class Task:
         self.period_s, self.reward, self.far_m = period_s, reward, far_m
         self.end_s = (self.scenario.sim.ticks - 1) * self.scenario.sim.tick_s
         """Time of the last tick [s]."""
-        person_m = self.scenario.world.person.radius_m
-        self.reach_m = math.hypot(*self.scenario.robot.footprint) + person_m
-        """Distance beyond which robot and person can't touch [m]."""
         drive = Drive.from_scenario(self.scenario)
         gains = 1.0, drive.sideways, drive.lever
         self.scale = Twist2D(

@@ -186,7 +186,8 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         change: Floats = np.sqrt(x * x + y * y + yaw * yaw)
         seconds = np.asarray((self._tick - begin) * self._tick_s, float)
         rewards = task.rewarded(place, distance, heading, change, seconds)
-        terminated = (place > task.far_m) | self._touches()
+        ahead, beside, _ = between(self._robot, self._person)
+        terminated = (place > task.far_m) | task.is_near(ahead, beside)
         left_s = task.end_s - self._tick * self._tick_s
         rewards -= np.where(terminated, task.far_m * left_s, 0.0)
         truncated = self._tick >= self._last
@@ -231,14 +232,6 @@ class FollowVectorEnv(VectorEnv[Array, Array, npt.NDArray[Any]]):
         dy -= s * goal_x + c * goal_y
         heading = wrap(robot_yaw - person_yaw - goal_yaw)
         return np.sqrt(dx * dx + dy * dy), distance, heading
-
-    def _touches(self) -> Mask:
-        dx, dy = self._person[:2] - self._robot[:2]
-        touches: Mask = dx * dx + dy * dy <= self.task.reach_m**2
-        near = np.flatnonzero(touches)
-        ahead, beside, _ = between(self._robot[:, near], self._person[:, near])
-        touches[near] = self.task.is_near(ahead, beside)
-        return touches
 
     def _observations(self) -> Array:
         x, y, yaw = self._sensors.seen

@@ -75,7 +75,8 @@ def test_separate_robots_do_not_influence_each_other(nexus):
         for tick in range(80):
             if 0 in numbers:
                 person = MovingPerson.upright(Pose2D(-0.5 + 0.004 * tick), walk)
-                world.place_person(0, person)
+                for robot in world.robots:
+                    robot.place_person(0, person)
             world.advance([commands[number] for number in numbers], STEPS)
         return [robot.state for robot in world.robots]
 
@@ -205,7 +206,7 @@ def test_shank_stops_the_robot_at_its_surface(nexus):
     joints = standing(0.45)
     joints[:, 1] -= 0.1
     joints[INDEX["left_heel"], 0] = joints[INDEX["left_foot"], 0] = 0.45  # no toes towards it
-    rig.world.place_person(0, person(joints))
+    rig.robot.place_person(0, person(joints))
     for _ in range(90):
         state = rig.advance(wheel_speeds(nexus, Twist2D(0.3)))
     ahead = state.position[0] + 0.19
@@ -220,7 +221,7 @@ def test_foot_on_the_robot_does_not_sink_it(nexus, speed):
     joints[:, 0] -= np.where(joints[:, 0] > -0.15, 0.3, 0.0)
     joints[:, 2] += 0.4
     for tick in range(80):
-        rig.world.place_person(0, person(joints, (0.0, 0.0, -speed)))
+        rig.robot.place_person(0, person(joints, (0.0, 0.0, -speed)))
         state = rig.advance([0.0] * 4)
         joints[:, 2] -= speed * 0.01 if joints[INDEX["left_heel"], 2] > 0.1 else 0.0
         # a step of 1 ms at this speed, after which the robot is lifted

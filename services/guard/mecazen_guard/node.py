@@ -64,7 +64,12 @@ class GuardNode(Node):
         if tick.period_s > 0.0:  # if 0, a newer command replaces the one of this tick
             self._place(tick, inputs[ODOM])
         if (scan := inputs.get(SCAN)) is not None:
-            self._see(tick.time_ns / NS_PER_S, scan, inputs)
+            self.fault = ""
+            try:
+                self.surroundings.update(scan, tick.time_ns / NS_PER_S, self.poses)
+            except RefusedError as refusal:
+                self.fault = str(refusal)
+                inputs.refuse(SCAN, self.fault)
         wanted = self.commands.choose(inputs) or m.Twist()
         verdict, fault = self._decide(tick, wanted.to_planar())
         self.state = self._state(tick.time, verdict, fault)
@@ -86,14 +91,6 @@ class GuardNode(Node):
     def _obeyed_s(self) -> float:
         """Longest time for which the robot follows a command without a new one [s]."""
         return self.scenario.command_timeout_s + self.scenario.sim.tick_s
-
-    def _see(self, now: float, scan: m.LaserScan, inputs: Inputs) -> None:
-        self.fault = ""
-        try:
-            self.surroundings.update(scan, now, self.poses)
-        except RefusedError as refusal:
-            self.fault = str(refusal)
-            inputs.refuse(SCAN, self.fault)
 
     def _decide(self, tick: Tick, wanted: Twist2D) -> tuple[Verdict, str]:
         """Return the verdict, and the fault of the lidar; "" if it has none."""

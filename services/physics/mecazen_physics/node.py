@@ -240,7 +240,8 @@ class PhysicsNode(Node):
             moving = MovingPerson.upright(pose, person.twist.to_planar())
         self.moving[name] = True
         number = self.numbers.setdefault(name, len(self.numbers))
-        self.simulation.place_person(number, moving)
+        for robot in self.robots.values():
+            robot.place_person(number, moving)
 
     def _stop(self, name: str) -> None:
         if self.moving.get(name):

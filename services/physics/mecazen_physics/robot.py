@@ -102,7 +102,10 @@ class SimulatedRobot:
         self.home.change(world)
 
     def place_person(self, number: int, person: MovingPerson) -> None:
-        """Put a person into the world."""
+        """Place the person `number`, who keeps the velocity until the next call.
+
+        A person must always have legs, or never.
+        """
         self._people[number] = person
         self.body.world.place_person(number, person)
 

@@ -58,14 +58,6 @@ class Simulation:
                 _advance_group(robots, orders, chunk)
             steps -= chunk
 
-    def place_person(self, number: int, person: MovingPerson) -> None:
-        """Place the person `number`; a person must always have legs, or never.
-
-        A person keeps the velocity until the next call, and is absent before the first call.
-        """
-        for robot in self.robots:
-            robot.place_person(number, person)
-
     def _update_groups(self) -> None:
         """Couple the robots that come close to each other, and decouple those that are far again.
 
