@@ -50,7 +50,6 @@ class Errand(NamedTuple):
 
     start: Pose2D
     goals: tuple[tuple[float, float], ...]
-    """Goals, in this order."""
     endless: bool
     """Whether the first goal follows again after the last."""
     speed: float
@@ -142,7 +141,6 @@ class Pedestrians:
         self._next = [0] * len(errands)
         self._random = [Generator(PCG64([seed, n, 1])) for n in range(len(errands))]
         self.motions = [PersonMotion(errand.start) for errand in errands]
-        """Current motion of each walker."""
 
     def surround(self, obstacles: Sequence[Box | Cylinder]) -> None:
         """Give way to these obstacles of the world from now on."""

@@ -38,7 +38,6 @@ class DrivenWalk:
 
     def __init__(self, start: Pose2D, timeout: float, tick_s: float) -> None:
         self.motion = PersonMotion(start)
-        """The current motion."""
         self._command = Twist2D()
         self._tick_s = tick_s
         self._timeout_ticks = math.ceil(timeout / tick_s - 1e-9)

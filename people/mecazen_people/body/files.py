@@ -98,7 +98,6 @@ def _read_c3d(file: Path) -> MotionFile:
 
 
 READERS = {".c3d": _read_c3d, ".mot": _read_mot, ".trc": _read_trc}
-"""The reader of each format, by suffix."""
 
 
 def _table(rows: Iterable[Sequence[str]], width: int) -> Array:

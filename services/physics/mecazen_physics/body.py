@@ -79,7 +79,6 @@ class RobotBody:
         self._shapes = [shapes[i * count : (i + 1) * count] for i in range(len(WHEELS))]
         """The shapes of the rollers of each wheel."""
         self._friction: list[float] = []
-        """The friction coefficients that `set_friction` has set."""
         base = self.skeleton.getBodyNode(0)
         self._base_shapes = base.getShapeNodes()
         self._lowest: list[int] = []

@@ -66,7 +66,6 @@ class Encoders:
         self._step = 2.0 * math.pi / config.counts_per_turn
         self._tick_s = tick_s
         self._last: tuple[int, ...] | None = None
-        """Counts at the last tick."""
 
     def measure(self, positions: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return positions [rad] and velocities [rad/s] of the wheels; call it in each tick."""

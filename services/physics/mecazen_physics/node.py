@@ -107,7 +107,6 @@ class PhysicsNode(Node):
             if part.sensors.encoders.counts_per_turn
         }
         self.reported: dict[str, ReportedPerson] = {}
-        """Persons by name."""
         self.moving: dict[str, bool] = {}
         """Whether each person in the world moves, by name."""
         self.numbers = {name: number for number, name in enumerate(self.followed.values())}

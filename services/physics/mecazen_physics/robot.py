@@ -78,7 +78,6 @@ class SimulatedRobot:
         """Whether an obstacle may touch the robot soon."""
         self._steps = 0
         self.state = self._read()
-        """The present state."""
 
     @cached_property
     def _ridge_contacts(self) -> RidgeContacts:

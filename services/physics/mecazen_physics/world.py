@@ -43,7 +43,6 @@ UPRIGHT = 0.99
 
 Layer = Literal["ground", "obstacle", "person", "plane", "base", "wheel", "roller"]
 Layers = Mapping[Layer, Sequence[Any]]
-"""Bodies by layer."""
 _TOUCHING = {
     frozenset(pair)
     for pair in (

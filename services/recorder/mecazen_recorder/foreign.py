@@ -36,7 +36,6 @@ from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError
 
 RUN = 1
-"""Number of the only run."""
 SIMULATED_NS = 10**6 * NS_PER_S
 """Times below this are from the start of a run, later ones of a clock such as that of Unix."""
 SYNCHRONOUS_NS = NS_PER_S

@@ -68,7 +68,6 @@ class Recorder:
         services: Sequence[str] = (),
     ) -> None:
         self.count = 0
-        """Number of recorded samples."""
         self.now = Stamp(0, 0, 0)
         """The newest tick."""
         self._bus = bus

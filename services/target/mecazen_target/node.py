@@ -72,7 +72,6 @@ class TargetNode(Node):
         self.tick = 0
         self.motion = self.motion_at(0)
         self.truth = m.Odometry()
-        """The robot's true pose."""
         self.sensor = Sensor(self.scenario.sensor, seed, tick_s)
         self.posed = 0
         if self.walker is not None:

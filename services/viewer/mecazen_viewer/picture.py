@@ -282,7 +282,10 @@ class Picture:
         for status in report.status:
             for pair in status.values:
                 if service in WORLDS and pair.key == "rtf":
-                    factor = _number(pair.value)
+                    try:
+                        factor = float(pair.value)
+                    except ValueError:
+                        raise RefusedError(f"not a number: {pair.value!r:.80}") from None
                     self._plot(layout.REAL_TIME, *panels.REAL_TIME_LEVELS, factor)
 
     def _log(self, path: str, archetype: rr.AsComponents, *, static: bool = False) -> None:
@@ -374,10 +377,3 @@ def _solved(height_m: float) -> WalkingPerson:
 
 def _planar(odom: m.Odometry) -> Pose2D:
     return odom.pose.pose.to_planar()
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise RefusedError(f"not a number: {text!r:.80}") from None

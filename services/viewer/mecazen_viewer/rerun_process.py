@@ -115,7 +115,6 @@ class RerunServer(RerunProcess):
         # the welcome screen would load examples from Rerun's site
         query = urlencode({"url": self.uri})
         self.url = f"http://{LOOPBACK}:{web_port}/?{query}&hide_welcome_screen"
-        """Address of the web page."""
 
 
 def open_window(*sources: str) -> RerunProcess:

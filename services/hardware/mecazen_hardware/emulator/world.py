@@ -111,4 +111,3 @@ class EmulatedWorld:
             accel=(force.x, force.y, force.z),
             attitude=(0.0, 0.0, truth.pose.pose.to_planar().yaw),
         )
-        """The newest measurements of the board."""
