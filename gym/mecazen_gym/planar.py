@@ -105,12 +105,10 @@ class PlanarRobots:
         self.reset(np.arange(n), {})
 
     def reset(self, envs: Ints, varied: Mapping[str, Floats]) -> None:
-        """Place some of the robots at the start, at rest.
+        """Place some of the robots, by number (k), at the start, at rest.
 
-        Args:
-            envs: Numbers of the robots (k).
-            varied: Factors of their `gain` (3, k), of the ground's `friction` and of their `mass`
-                and moment of inertia (k), and a further time constant `lag_s` (k) [s].
+        `varied` has factors of their `gain` (3, k), of the ground's `friction` and of their `mass`
+        and moment of inertia (k), and a further time constant `lag_s` (k) [s].
         """
         self.pose[:, envs] = self._start
         states = self.measured, self._twist, self._command, self._acceleration, self._wheels

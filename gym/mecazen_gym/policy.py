@@ -55,11 +55,8 @@ class Policy:
 
     Three alpha-beta filters of a person who walks along their heading, in base_link, are mixed as
     in an interacting multiple model (Blom and Bar-Shalom, IEEE Trans. Automatic Control 33, 1988);
-    the command is the goal's velocity and the error of the pose ahead, axis by axis.
-
-    Args:
-        weights: Weights (n, SIZE), or (SIZE) for one robot.
-        task: The place to keep, the scale of actions, and the length of a step.
+    the command is the goal's velocity and the error of the pose ahead, axis by axis. Weights are
+    (n, SIZE), or (SIZE) for one robot.
     """
 
     def __init__(self, weights: npt.ArrayLike, task: Task) -> None:

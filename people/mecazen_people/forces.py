@@ -44,13 +44,10 @@ def repulsion(
 ) -> Floats:
     """Return the acceleration of each of n people by each of m others (n, m, 2) [m/s²].
 
-    Args:
-        places: Places of the people (n, 2) [m].
-        heading: Unit vectors of the directions in which the people want to go (n, 2), or zeros.
-        neighbours: Places of the others (m, 2) [m].
-        velocities: Velocities of the others (m, 2) [m/s].
-        touching: Distance of centres at which the bodies touch (n, m) [m]; infinite where there is
-            no force, such as from the person themselves.
+    People at `places` (n, 2) [m] want to go along the unit vectors `heading` (n, 2), or zeros. The
+    others are at `neighbours` (m, 2) [m] and have `velocities` (m, 2) [m/s]. Bodies touch when
+    their centres are by `touching` (n, m) [m] apart; there is no force where it is infinite, such
+    as from the person themselves.
     """
     apart = places[:, None] - neighbours
     distance = np.maximum(_length(apart), 1e-9)

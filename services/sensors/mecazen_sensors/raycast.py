@@ -120,14 +120,9 @@ class RayScene:
     ) -> tuple[Floats, Ints]:
         """Return the distance to the first geom that each ray hits, and the geom's number.
 
-        Args:
-            origin: Origin of all rays, in the world (3,) [m].
-            directions: Unit vectors in the world (n, 3).
-            robot: The robot that carries the sensor, which its rays pass through.
-            max_range: Distance beyond which nothing is hit [m].
-
-        Returns:
-            Distances (n,) [m] and numbers (n,) of geoms; inf and -1 if nothing is hit.
+        Rays begin at `origin` (3,) [m] in the world, along unit vectors (n, 3). They pass through
+        the robot that carries the sensor. If nothing is hit within `max_range` [m], the distance
+        (n,) [m] is inf and the number (n,) -1.
         """
         distances, hits = np.empty(len(directions)), np.empty(len(directions), np.int32)
         mujoco.mj_multiRay(
