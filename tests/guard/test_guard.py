@@ -26,7 +26,7 @@ def points(*places, velocity=(0.0, 0.0), stops=False, margin=MARGIN_M):
 
 
 def guard_at(twist=Twist2D(), drive=DRIVE):  # noqa: B008  # immutable
-    guard = Guard(HALF, drive, REACTION_S, 0.3)
+    guard = Guard(HALF, drive, REACTION_S)
     guard.begin(twist)
     return guard
 

@@ -20,7 +20,6 @@ SLOWEST, FASTEST, _SPEED_STEP = 0.2, 2.0, 0.2
 """Speeds of the solved cycles: first, last and difference [m/s]."""
 SAMPLES = 100
 """Number of samples of the pelvis over the cycle, of a leg over its stance, and over its swing."""
-_HARMONICS = 8  # of the pelvis
 _CLEARANCE = 0.007  # approximate minimum in the middle of the swing [m]
 _TIED = 0.4  # share of the swing over which each end is blended into the stance
 _RAMP = 0.06  # share of the stance over which the foot leaves the ground
@@ -84,8 +83,8 @@ class GaitCycle:
         self._leads = style.lead(0, speed), style.lead(1, speed)
         # between the samples, where neither leg's weight is exactly 0
         places = [self._pelvis_over_feet((i + 0.5) / SAMPLES) for i in range(SAMPLES)]
-        self._forward = Fourier([x for x, _ in places], _HARMONICS)
-        self._height = Fourier([z for _, z in places], _HARMONICS)
+        self._forward = Fourier([x for x, _ in places])
+        self._height = Fourier([z for _, z in places])
         # feet are shifted back, so that the mean place of the pelvis is the path's pose
         self.leads = self._leads[0] - self._forward.mean, self._leads[1] - self._forward.mean
         pelvis = [self._pelvis(i / SAMPLES) for i in range(SAMPLES + 1)]

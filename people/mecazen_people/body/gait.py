@@ -31,12 +31,12 @@ class Fourier:
     Eight harmonics reproduce the angles of a recorded adult to 0.2 deg RMS.
     """
 
-    def __init__(self, samples: Sequence[float], harmonics: int = 8) -> None:
+    def __init__(self, samples: Sequence[float]) -> None:
         n = len(samples)
         self.mean = math.fsum(samples) / n
         self.range = max(samples) - min(samples)
         self._terms = []
-        for k in range(1, harmonics + 1):
+        for k in range(1, 9):
             angles = [math.tau * k * i / n for i in range(n)]
             a, b = (
                 2.0 / n * math.fsum(s * f(angle) for s, angle in zip(samples, angles, strict=True))

@@ -37,6 +37,8 @@ FALLBACK = np.array((1.0, 0.96, 0.8))
 """Shares of the search's result that are checked against all poses."""
 RECOVERY_S = 0.5
 """Minimum time in which the share grows from 0 to 1: noise of the lidar causes no chatter [s]."""
+PERSON_STOP_S = 0.3
+"""Shortest time in which a walking person can come to rest."""
 TOLERANCE_M = 1e-6
 BESIDE_M = 0.15
 """The search ignores points whose clearance exceeds the required one by this much [m]."""
@@ -53,7 +55,7 @@ class Points(NamedTuple):
     margin: Floats = np.empty(0)
     """The clearance to keep from each point [m]."""
     stops: npt.NDArray[np.bool_] = np.empty(0, bool)
-    """Whether the point stops within `stop_s`, instead of continuing at its velocity."""
+    """Whether the point stops within `PERSON_STOP_S`, instead of continuing at its velocity."""
 
     def only(self, which: npt.NDArray[Any]) -> Points:
         """Return some of the points, by index or by flag."""
@@ -76,24 +78,19 @@ class Verdict(NamedTuple):
 class Guard:
     """Decides tick by tick, with a model of how the controller follows the twist.
 
-    Args:
-        footprint: Half the length and half the width of the robot [m].
-        drive: The limits of the wheels and of the controller.
-        reaction_s: Time from a decision until the wheels follow [s].
-        stop_s: Time in which a walking person stops [s].
+    The footprint is half the length and half the width of the robot [m]; the wheels follow a
+    decision after `reaction_s`.
     """
 
-    def __init__(
-        self, footprint: tuple[float, float], drive: Drive, reaction_s: float, stop_s: float
-    ) -> None:
+    def __init__(self, footprint: tuple[float, float], drive: Drive, reaction_s: float) -> None:
         self.footprint = footprint
         self._corner = math.hypot(*footprint)
-        self.configure(drive, reaction_s, stop_s)
+        self.configure(drive, reaction_s)
         self.begin(Twist2D())
 
-    def configure(self, drive: Drive, reaction_s: float, stop_s: float) -> None:
+    def configure(self, drive: Drive, reaction_s: float) -> None:
         """Continue with changed limits and times; see `Guard`."""
-        self._drive, self.stop_s = drive, stop_s
+        self._drive = drive
         self._gains = np.array((1.0, drive.sideways, drive.lever))[:, None, None]
         self._reaction_s = reaction_s + max(
             (axis.acceleration + axis.deceleration) / axis.jerk if axis.jerk < math.inf else 0.0
@@ -264,9 +261,8 @@ class _Encounter:
         xy = points.xy[None]
         if points.velocity.any():
             gone = (times + age_s)[:, None]
-            stop = max(guard.stop_s, 1e-9)
-            braking = np.minimum(gone, stop)
-            lasting = np.where(points.stops, braking - braking**2 / (2.0 * stop), gone)
+            braking = np.minimum(gone, PERSON_STOP_S)
+            lasting = np.where(points.stops, braking - braking**2 / (2.0 * PERSON_STOP_S), gone)
             xy = xy + points.velocity * lasting[..., None]
         self._xy, self._every = xy, slice(None)
         self._at_rest, least = self._least(np.array((np.zeros(3), twist)))

@@ -22,8 +22,6 @@ HISTORY_NS = NS_PER_S
 """Time for which poses are kept [ns]; older scans are refused."""
 SILENT_SCANS = 3.0
 """Number of scan periods without a scan after which a lidar counts as silent."""
-PERSON_STOP_S = 0.3
-"""Shortest time in which a walking person can come to rest."""
 STOPPED = 0.02
 """With a smaller factor the reported state is `stop`."""
 SIDES = "ahead", "to the left", "behind", "to the right"
@@ -42,14 +40,13 @@ class GuardNode(Node):
             config, lidar, robot.lidar.pose, is_real=scenario.has_real_lidar
         )
         drive = Drive.from_scenario(scenario)
-        self.guard = Guard(robot.footprint, drive, _reaction_s(scenario), PERSON_STOP_S)
+        self.guard = Guard(robot.footprint, drive, _reaction_s(scenario))
 
     def configure(self, scenario: Scenario) -> None:
         super().configure(scenario)
         self.commands.sources = sources(scenario)
         self.surroundings.config = scenario.guard
-        drive = Drive.from_scenario(scenario)
-        self.guard.configure(drive, _reaction_s(scenario), PERSON_STOP_S)
+        self.guard.configure(Drive.from_scenario(scenario), _reaction_s(scenario))
 
     def reset(self, seed: int) -> None:
         self.surroundings.forget()

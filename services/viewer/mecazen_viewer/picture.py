@@ -50,24 +50,19 @@ class PoseTrail:
 
     def __init__(self) -> None:
         self._poses = PoseHistory(HISTORY_NS)
-        self._points: deque[tuple[int, float, float]] = deque(maxlen=TRAIL_POINTS)
+        self.points: deque[tuple[int, float, float]] = deque(maxlen=TRAIL_POINTS)
         self.newest: Pose2D | None = None
 
     def add(self, time_ns: int, pose: Pose2D) -> bool:
         """Add a pose; return whether the trail has a new point."""
         self._poses.add(time_ns, pose)
         self.newest = pose
-        if self._points and time_ns - self._points[-1][0] < TRAIL_STEP_NS:
+        if self.points and time_ns - self.points[-1][0] < TRAIL_STEP_NS:
             return False
-        if self._points and pose.distance(Pose2D(*self._points[-1][1:])) > JUMP_M:
-            self._points.clear()
-        self._points.append((time_ns, pose.x, pose.y))
+        if self.points and pose.distance(Pose2D(*self.points[-1][1:])) > JUMP_M:
+            self.points.clear()
+        self.points.append((time_ns, pose.x, pose.y))
         return True
-
-    @property
-    def points(self) -> Floats:
-        """The points (N, 2) [m] of the last 60 s."""
-        return np.array([point[1:] for point in self._points])
 
     def at(self, time_ns: int) -> Pose2D | None:
         """Return the pose at a time, or the pose nearest in time; None without any pose."""
@@ -303,7 +298,8 @@ class Picture:
 
     def _extend_trail(self, name: str, trail: PoseTrail, pose: Pose2D) -> None:
         if trail.add(self.time_ns, pose):
-            self._log(f"{layout.TRAILS}/{name}", scene.trail(trail.points))
+            points = np.array([place for _, *place in trail.points])
+            self._log(f"{layout.TRAILS}/{name}", scene.trail(points))
 
     def _walk(self, person: str, motion: PersonMotion, height: float) -> Floats:
         """Let a person's body walk to the pose of a motion, and return the joints (20, 3)."""
