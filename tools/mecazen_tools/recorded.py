@@ -45,10 +45,6 @@ class RecordedTrajectory(Trajectory):
         ]
         return range(min(poses), max(poses) + 1)
 
-    @property
-    def done(self) -> int:
-        return len(self.ticks)
-
 
 def trajectory_of(recording: Recording, number: int | None = None) -> RecordedTrajectory:
     """Return the trajectory of a run, by default of the last one.

@@ -304,14 +304,11 @@ def _radius(wheel: Part, rollers: Sequence[Part], controller: Controller) -> flo
     """Return the radius of a wheel: of its rollers, of its shapes, or the controller's [m]."""
     radii = [shape.size[0] for shape in wheel.shapes if shape.kind != "box"]
     if any(roller.thickness for roller in rollers):
-        radii = [_distance(wheel, roller) + roller.thickness for roller in rollers]
+        arms = [(roller.middle - wheel.place)[[0, 2]] for roller in rollers]  # axles are along y
+        radii = [
+            math.hypot(*arm) + roller.thickness for arm, roller in zip(arms, rollers, strict=True)
+        ]
     return float(max(radii)) if radii else controller.radius
-
-
-def _distance(wheel: Part, roller: Part) -> float:
-    """Return the distance of a roller's middle from its wheel's axle, which is along y [m]."""
-    x, _, z = roller.middle - wheel.place
-    return math.hypot(x, z)
 
 
 def _put_wheels(

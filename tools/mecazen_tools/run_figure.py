@@ -152,8 +152,15 @@ def draw_comparison(
 
 
 def _draw_above(axes: Axes, runs: Sequence[Course], scenario: Scenario, title: str) -> None:
-    """Draw obstacles, paths and goals from above."""
-    _draw_world(axes, scenario)
+    for solid in scenario.world.solids:
+        if isinstance(solid, Box):
+            x, y = solid.size_m[0] / 2, solid.size_m[1] / 2
+            box = Pose2D(*solid.position_m, math.radians(solid.yaw_deg))
+            corners = (x, y), (-x, y), (-x, -y), (x, -y)
+            outline = [box.compose(Pose2D(*corner))[:2] for corner in corners]
+            axes.add_patch(Polygon(outline, **OBSTACLE))
+        else:
+            axes.add_patch(Circle(solid.position_m, solid.size_m[0], **OBSTACLE))
     for colour, course in zip(cycle(PALETTE), runs, strict=False):
         _draw_paths(axes, course, colour)
     axes.set(xlabel="x [m]", ylabel="y [m]", title=title)
@@ -174,20 +181,7 @@ def _followed(course: Course) -> bool:
     return not np.isnan(course.table["target_x_m"]).all()
 
 
-def _draw_world(axes: Axes, scenario: Scenario) -> None:
-    for solid in scenario.world.solids:
-        if isinstance(solid, Box):
-            x, y = solid.size_m[0] / 2, solid.size_m[1] / 2
-            box = Pose2D(*solid.position_m, math.radians(solid.yaw_deg))
-            corners = (x, y), (-x, y), (-x, -y), (x, -y)
-            outline = [box.compose(Pose2D(*corner))[:2] for corner in corners]
-            axes.add_patch(Polygon(outline, **OBSTACLE))
-        else:
-            axes.add_patch(Circle(solid.position_m, solid.size_m[0], **OBSTACLE))
-
-
 def _draw_paths(axes: Axes, course: Course, colour: str) -> None:
-    """Draw the paths of a robot, its person and its goal from above."""
     robot, followed = course.table.poses("robot"), course.table.having("target_x_m")
     if len(followed):
         person = followed.poses("target")

@@ -112,24 +112,20 @@ class Simulation:
         self.trajectory = Trajectory(self.bus, self._scenario)
         for robot, topic in product(loaded.names, self._graph.topics):
             self._keep_latest(keys.of_robot(topic, robot))
+        parts = self._scenario.parts
+        nodes = [part for part in parts if part[0] not in OBSERVERS]
         with ExitStack() as services:
-            self._open(services)
+            self.host = services.enter_context(closing(Host(nodes, self.bus, self._scenario)))
+            self.clock = Clock(self.host)
+            self._observers = [
+                services.enter_context(closing(observe(name, self.bus, self._scenario)))
+                for name, _ in parts
+                if name in OBSERVERS
+            ]
+            for part in parts:
+                self.bus.declare_alive(*part)
             self.clock.begin()
             self._services: ExitStack | None = services.pop_all()
-
-    def _open(self, services: ExitStack) -> None:
-        """Create the services, which `services` closes."""
-        scenario = self._scenario
-        observers = [part for part in scenario.parts if part[0] in OBSERVERS]
-        parts = [part for part in scenario.parts if part not in observers]
-        self.host = services.enter_context(closing(Host(parts, self.bus, scenario)))
-        self.clock = Clock(self.host)
-        self._observers = [
-            services.enter_context(closing(observe(observer, self.bus, scenario)))
-            for observer, _ in observers
-        ]
-        for part in scenario.parts:
-            self.bus.declare_alive(*part)
 
     def _keep_latest(self, topic: Topic[Any]) -> None:
         key = self.bus.key_of(topic)

@@ -148,13 +148,13 @@ class Trajectory:
     @property
     def done(self) -> int:
         """Number of rows that have all required samples."""
-        rows = (len(self._columns[key]) * ticks for key, ticks in self._required.items())
-        return min((self.scenario.sim.ticks, *rows))
+        return len(self.ticks)
 
     @property
     def ticks(self) -> range:
         """The numbers of the rows' ticks."""
-        return range(self.done)
+        rows = (len(self._columns[key]) * ticks for key, ticks in self._required.items())
+        return range(min((self.scenario.sim.ticks, *rows)))
 
     def refuse_incomplete(self) -> None:
         """Raise MecazenError if rows are missing, as with a follower that publishes no commands."""

@@ -127,6 +127,7 @@ def _run(
 
     The scores come before the files, so that a full disk does not cost them.
     """
+    note: Callable[[str], None] = (lambda _: None) if as_json else typer.echo
     is_whole = True
     with progress(description, scenario.sim.ticks) as done:
         try:
@@ -134,7 +135,6 @@ def _run(
         except InterruptedRun as interrupt:
             result, run = interrupt.args
             is_whole = False
-    notes = []
     if as_json:
         typer.echo(msgspec.json.format(msgspec.json.encode(result)).decode())
     else:
@@ -142,17 +142,14 @@ def _run(
         typer.echo(f"trajectory: sha256 {result.trajectory_sha256}")
     if trajectory is not None:
         files.write(trajectory, run.csv(), "--trajectory")
-        notes.append(f"every tick: {trajectory}")
+        note(f"every tick: {trajectory}")
     if plot is not None:
         from mecazen_tools import run_figure  # noqa: PLC0415  # Matplotlib is an extra, and slow
 
         title = f"{result.scenario}, seed {result.seed}"
         figure = run_figure.draw(run_figure.courses(run), scenario, title)
         drawing.save(figure, plot, "--plot")
-        notes.append(f"picture: {plot}")
-    if not as_json:
-        for note in notes:
-            typer.echo(note)
+        note(f"picture: {plot}")
     if not is_whole:
         whole_s = scenario.sim.duration_s
         typer.echo(f"interrupted after {result.duration_s:g} of {whole_s:g} s", err=True)

@@ -38,6 +38,8 @@ def view(
     Examples: mecazen view run.mcap · mecazen view run.rrd --native ·
     mecazen view bag --scenario back --topics ground_truth/odom=/mocap/pose
     """
+    from mecazen_viewer.rerun_process import RerunServer, open_window
+
     if not file.exists():
         raise ConfigError(f"{file}: no such file")
     if file.suffix == ".mcap":
@@ -54,7 +56,13 @@ def view(
                     raise
                 sys.stderr.write(f"{error}; shown without the scene\n")
         with suppress(KeyboardInterrupt):
-            _show(file, files, native=native)
+            if native:
+                with closing(open_window(*files)) as window:
+                    window.wait()
+                return
+            with closing(RerunServer(ViewerConfig(web_port=0, data_port=0), *files)) as server:
+                print(f"{file}: {server.url}\nCtrl-C ends it.", flush=True)
+                server.wait()
 
 
 def _draw(file: Path, folder: Path, topics: str, scenario: str | None) -> list[str]:
@@ -69,16 +77,3 @@ def _draw(file: Path, folder: Path, topics: str, scenario: str | None) -> list[s
     drawn = draw(recording, folder)
     report_damage(recording)
     return list(map(str, drawn))
-
-
-def _show(file: Path, files: list[str], *, native: bool) -> None:
-    """Show files until the window is closed or the server ends."""
-    from mecazen_viewer.rerun_process import RerunServer, open_window
-
-    if native:
-        with closing(open_window(*files)) as window:
-            window.wait()
-        return
-    with closing(RerunServer(ViewerConfig(web_port=0, data_port=0), *files)) as server:
-        print(f"{file}: {server.url}\nCtrl-C ends it.", flush=True)
-        server.wait()
