@@ -93,11 +93,6 @@ def _certificate(name: str, key: ec.EllipticCurvePrivateKey) -> x509.Certificate
 
 
 def _host_name(host: str) -> x509.GeneralName:
-    """Return a host as a name in a certificate.
-
-    Raises:
-        MecazenError: The host is neither an address nor a name.
-    """
     try:
         address = ipaddress.ip_address(host)
     except ValueError:

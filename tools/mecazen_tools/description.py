@@ -282,11 +282,7 @@ def _pose(tag: str, element: ET.Element) -> ET.Element:
 
 
 def _parts(path: Path, root: ET.Element, model: ET.Element) -> dict[str, Part]:
-    """Return the parts of a file.
-
-    Raises:
-        ValueError: As MuJoCo does.
-    """
+    """Return the parts of a file; raises ValueError as MuJoCo does."""
     import mujoco  # noqa: PLC0415  # takes a while
 
     is_mjcf = root.tag == "mujoco"

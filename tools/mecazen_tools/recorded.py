@@ -95,9 +95,6 @@ def _read(recording: Recording) -> tuple[dict[int, Rows], dict[int, int]]:
     """Return the values and the seed of each run.
 
     A sample without a stamp, such as a command by hand, belongs to the current run.
-
-    Raises:
-        RecordingError: The content of a sample does not match its key.
     """
     topics = {topic.key: topic for topic in SOURCES}
     runs: dict[int, Rows] = {}

@@ -178,10 +178,11 @@ def controller_of(settings: Mapping[str, Any], path: Path) -> Controller:
     same: dict[str, Any] = {
         "reference_timeout_s": number("reference_timeout|cmd_vel_timeout"),
         "update_rate_hz": number("odom_publish_frequency|publish_rate"),
+        "base_frame_id": setting("base_frame_id"),
+        "odom_frame_id": setting("odom_frame_id"),
+        "pose_covariance_diagonal": setting("pose_covariance_diagonal"),
+        "twist_covariance_diagonal": setting("twist_covariance_diagonal"),
     }
-    for name in ("base_frame_id", "odom_frame_id", "pose_covariance_diagonal"):
-        same[name] = setting(name)
-    same["twist_covariance_diagonal"] = setting("twist_covariance_diagonal")
     same = {name: value for name, value in same.items() if value not in (None, "base_link", "odom")}
     # the offset is that of base_link from the wheels' centre
     centre = None if x is None or y is None else (0.0 - x, 0.0 - y)
@@ -454,7 +455,6 @@ def _to_toml(
     notes: Sequence[str],
     scenario: Mapping[str, Any],
 ) -> str:
-    """Return the robot file, with comments."""
     lines = [f"# From {printable(path.name)}. Values marked 'assumed' are not in it."]
     lines += [f"# {note}" for note in notes]
     if scenario:

@@ -20,6 +20,7 @@ from mecazen.loading import load_scenario, parse_settings
 from mecazen.robots import join_key
 from mecazen.runtime.pace import announce_readiness, declare_every
 from mecazen.wire import NS_PER_S
+from msgspec.structs import asdict
 
 from mecazen_tools.processes import Supervisor, private_router
 from mecazen_tools.simulation import Simulation
@@ -171,7 +172,7 @@ def _scored(
         MecazenError: The run is incomplete.
         InterruptedRun: Ctrl-C ended the run after its first tick.
     """
-    begin, reported = time.perf_counter(), 0
+    begin, reported, interrupted = time.perf_counter(), 0, False
     try:
         for _ in steps:
             if trajectory.done == 0:
@@ -184,9 +185,19 @@ def _scored(
     except KeyboardInterrupt:
         if trajectory.done == 0:
             raise
-        wall_s = time.perf_counter() - begin
-        raise InterruptedRun(_result(name, trajectory, wall_s), trajectory) from None
-    return _result(name, trajectory, time.perf_counter() - begin), trajectory
+        interrupted = True
+    wall_s, shown = time.perf_counter() - begin, summary(trajectory)
+    result = Result(
+        **asdict(shown),
+        scenario=name,
+        ticks=trajectory.done,
+        wall_s=wall_s,
+        rtf=shown.duration_s / wall_s,
+        trajectory_sha256=trajectory.sha256(),
+    )
+    if interrupted:
+        raise InterruptedRun(result, trajectory)
+    return result, trajectory
 
 
 def summary(trajectory: Trajectory) -> Summary:
@@ -203,19 +214,6 @@ def summary(trajectory: Trajectory) -> Summary:
         contacts_obstacles=sum(counts.obstacles for counts in contacts),
         lost={} if scenario.robots else trajectory.lost(),
         robots=scores if scenario.robots else {},
-    )
-
-
-def _result(name: str, trajectory: Trajectory, wall_s: float) -> Result:
-    """Return the result of the finished ticks of a run."""
-    shown = summary(trajectory)
-    return Result(
-        **{field: getattr(shown, field) for field in shown.__struct_fields__},
-        scenario=name,
-        ticks=trajectory.done,
-        wall_s=wall_s,
-        rtf=shown.duration_s / wall_s,
-        trajectory_sha256=trajectory.sha256(),
     )
 
 

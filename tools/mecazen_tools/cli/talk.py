@@ -91,11 +91,7 @@ def pub(
 
 
 def _warn_unknown(key: str) -> None:
-    """Warn of a key that the table does not have: a user's own, or a typo.
-
-    Raises:
-        BusError: The text is neither a key nor an expression.
-    """
+    """Warn of a key that the table does not have: a user's own, or a typo."""
     if includes(key, key) and "*" not in key and topic_of(key) is None:
         _warn(f"{key}: not among `mecazen topics`")
 

@@ -156,13 +156,11 @@ def settings_without(scenario: Scenario, without: Sequence[str]) -> list[str]:
 
 def _shares_router(bus: BusConfig) -> bool:
     """Return whether a router of another run exists, which this namespace can share."""
-    if bus.namespace is None:
-        return False
-    try:
-        ZenohBus(bus, "client").close()
-    except BusError:
-        return False
-    return True
+    if bus.namespace is not None:
+        with suppress(BusError):
+            ZenohBus(bus, "client").close()
+            return True
+    return False
 
 
 def moved_ports(scenario: Scenario, *, shares_router: bool) -> list[str]:
