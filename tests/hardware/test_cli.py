@@ -7,12 +7,12 @@ import pytest
 import typer
 from hardware.stand import emulated
 from harness import SCENARIOS, Command, Newest
+from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D
 from mecazen.keys import OBSERVATION, ODOM
 from mecazen.messages import Header, Observation, Pose, PoseWithCovariance
 from mecazen_hardware.emulator.world import EmulatedWorld, load
 from mecazen_tools.cli.hardware import app
-from mecazen_tools.processes import ProcessError
 from stack import Stack
 from typer.testing import CliRunner
 
@@ -108,7 +108,7 @@ def test_a_robot_behind_an_emulated_board_follows(tmp_path):
         code, text, _ = board.end()
         assert code == 0
         assert re.search(r"[0-9]{3} frames taken", text)
-        with pytest.raises(ProcessError, match=r"hardware: .*the port has gone in mid-run"):
+        with pytest.raises(MecazenError, match=r"hardware: .*the port has gone in mid-run"):
             stack.wait(lambda: False)
     finally:
         stack.close()

@@ -12,11 +12,11 @@ from faults import RESUME_S, SERVICES, WALK, Following, seconds, strike
 from harness import COMMAND_GUARD_S, ROOT, SCENARIOS, Newest, here, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
+from mecazen.errors import MecazenError
 from mecazen.geometry import Twist2D
 from mecazen.loading import load_scenario, parse_settings
 from mecazen.messages import Empty, ResetRequest, Twist
 from mecazen_recorder.reader import Recording
-from mecazen_tools.processes import ProcessError
 from mecazen_tools.simulate import simulate
 from mecazen_tools.trajectory import Trajectory
 from stack import Stack
@@ -111,7 +111,7 @@ def test_without_the_router_the_robot_follows_on_and_with_it_tools_and_services_
     running.signal("router", signal.SIGKILL)
     running.wait(lambda: seconds(begin, running.now) > 1.0)
     assert running.watch.follows
-    with pytest.raises(ProcessError, match="router: was killed by SIGKILL"):
+    with pytest.raises(MecazenError, match="router: was killed by SIGKILL"):
         running.stack.wait(lambda: False)
     running.stack.supervisor.start_router()
     tool = ZenohBus(running.stack.scenario.bus, "client")

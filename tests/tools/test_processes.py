@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 from harness import COMMAND_GUARD_S, is_running
 from mecazen.config import Process
+from mecazen.errors import MecazenError
 from mecazen_tools import processes
-from mecazen_tools.processes import Line, ProcessError, Supervisor
+from mecazen_tools.processes import Line, Supervisor
 
 TOY = """
 import logging, signal, subprocess, sys
@@ -81,6 +82,7 @@ KILLED = """
 import sys
 from pathlib import Path
 from mecazen.config import Process
+from mecazen.errors import MecazenError
 from mecazen_tools.processes import Supervisor
 
 supervisor = Supervisor(Path(sys.argv[1]), sys.argv[2:])
@@ -123,7 +125,7 @@ class Watched(Supervisor):
         return next(line for line in self.lines() if line and text in line.text)
 
     def failure(self):
-        with pytest.raises(ProcessError) as caught:
+        with pytest.raises(MecazenError) as caught:
             for _ in self.lines():
                 pass
         return str(caught.value)

@@ -53,10 +53,6 @@ class Line(NamedTuple):
     """Whether it is the address of a page that the process serves."""
 
 
-class ProcessError(MecazenError):
-    """A process of the simulation failed; the message is that of the process."""
-
-
 @dataclass(eq=False)
 class _Part:
     """A process that was forked, and the data for its restart."""
@@ -124,7 +120,7 @@ class Supervisor:
         If it is not `needed`, its end is no error.
 
         Raises:
-            ProcessError: The fork server has ended.
+            MecazenError: The fork server has ended.
         """
         part = self._parts[process.name] = _Part(process, needed)
         self._fork(part)
@@ -139,7 +135,7 @@ class Supervisor:
                 part.child.start()
             except (ConnectionError, EOFError):
                 os.close(out)
-                raise ProcessError(f"{part.process.name}: the fork server has ended") from None
+                raise MecazenError(f"{part.process.name}: the fork server has ended") from None
         assert part.child.pid is not None  # as for every process that has begun
         part.pid, part.log = part.child.pid, FileIO(out)
         for source in (part.log, part.child.sentinel):
@@ -149,21 +145,21 @@ class Supervisor:
         """Start the router and wait until it listens.
 
         Raises:
-            ProcessError: It ended, most often because the port is taken, or it logs nothing.
+            MecazenError: It ended, most often because the port is taken, or it logs nothing.
         """
         self.start(ROUTER)
         deadline = time.monotonic() + timeout_s
         while not self.works(ROUTER.name):
             left_s = deadline - time.monotonic()
             if left_s <= 0.0:
-                raise ProcessError("the router does not start")
+                raise MecazenError("the router does not start")
             self.poll(left_s)
 
     def poll(self, timeout_s: float) -> Line | None:
         """Return the next line that a process wrote, or None if none is written in time.
 
         Raises:
-            ProcessError: A process that is needed has ended, and is not started again.
+            MecazenError: A process that is needed has ended, and is not started again.
         """
         end_s = time.monotonic() + timeout_s
         while not self._lines and not self._ended:
@@ -225,7 +221,7 @@ class Supervisor:
         is_wrong = code == ConfigError.exit_code  # by the scenario, which stays the same
         if not self._restart or is_wrong or (0 < code != SERVER_ENDED and hopeless):
             if part.needed:
-                raise ProcessError(f"{name}: {how}")
+                raise MecazenError(f"{name}: {how}")
             return Line(name, f"{name} has ended: {how}; the others go on")
         part.failures = 0 if worked_s >= STEADY_S else part.failures + 1
         # the system may not have removed a fork server yet that has just ended
@@ -245,7 +241,7 @@ class Supervisor:
         return [*self._stop(self._parts.keys() - last), *self._stop(last)]
 
     def refuse_failed(self) -> None:
-        """Raise ProcessError if a needed process that has ended since the last `poll` failed."""
+        """Raise MecazenError if a needed process that has ended since the last `poll` failed."""
         for part in self._ended:
             if part.needed and part.error:
                 self._take_end(part)

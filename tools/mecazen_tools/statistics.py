@@ -26,15 +26,12 @@ class Interval(msgspec.Struct, frozen=True):
     """The number of independent values."""
 
     @property
-    def values(self) -> tuple[float, float]:
-        """The two values of a `mean_interval` with n = 2."""
+    def ends(self) -> tuple[float, float]:
+        """The limits, or with n = 2 the two values of a `mean_interval`."""
+        if self.n != 2:
+            return self.low, self.high
         half = (self.high - self.mean) / _quantile(2)
         return self.mean - half, self.mean + half
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The limits, or with n = 2 the two values."""
-        return self.values if self.n == 2 else (self.low, self.high)
 
 
 def mean_interval(values: Sequence[float]) -> Interval:

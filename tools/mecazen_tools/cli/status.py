@@ -142,8 +142,13 @@ class Diagnostics:
         }
         owners = (name.rpartition("/")[0] for name in services if name.endswith("follower"))
         followed = {robot: text for robot in owners if (text := self.followed(robot))}
-        warnings = (*self.contests(), *self._warnings())
-        return Status(sim, services, followed, self.drives(), warnings)
+        warnings = [
+            f"{service}: {name.removeprefix(WARNING)} {text}"
+            for service, report in self.reports.items()
+            for name, text in report.items()
+            if name.startswith(WARNING)
+        ][:WARNINGS]
+        return Status(sim, services, followed, self.drives(), (*self.contests(), *warnings))
 
     def followed(self, robot: str) -> str:
         """Return tracking state, reason and distance error as text; empty if not reported.
@@ -240,14 +245,6 @@ class Diagnostics:
             restarts=int(max(restarts, default=0)),
             age_s=age_s,
         )
-
-    def _warnings(self) -> tuple[str, ...]:
-        return tuple(
-            f"{service}: {name.removeprefix(WARNING)} {text}"
-            for service, report in self.reports.items()
-            for name, text in report.items()
-            if name.startswith(WARNING)
-        )[:WARNINGS]
 
 
 def number(report: Report, name: str) -> float | None:
