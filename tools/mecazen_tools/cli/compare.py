@@ -15,7 +15,7 @@ from rich.text import Text
 from typer import Argument, Option
 
 from mecazen_tools import drawing
-from mecazen_tools.cli.options import ScenarioArgument, Settings, console, output
+from mecazen_tools.cli.options import Duration, ScenarioArgument, Settings, console, output
 from mecazen_tools.cli.simulate import progress
 
 if TYPE_CHECKING:
@@ -35,10 +35,7 @@ def compare(
         ),
     ],
     seeds: Annotated[int, Option(min=1, max=10_000, help="Number of seeds, from 1 on.")] = 10,
-    duration_s: Annotated[
-        float | None,
-        Option("--duration", min=0, help="Simulated seconds.", show_default="the scenario's"),
-    ] = None,
+    duration_s: Duration = None,
     output: Annotated[
         Path | None, output("Draw paths, errors and measures: PNG, SVG or PDF.")
     ] = None,

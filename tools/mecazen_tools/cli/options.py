@@ -43,6 +43,10 @@ Settings = Annotated[
         "is a string. Repeatable.",
     ),
 ]
+Duration = Annotated[
+    float | None,
+    Option("--duration", min=0, help="Simulated seconds.", show_default="the scenario's"),
+]
 
 RecordingFile = Annotated[
     Path,

@@ -22,7 +22,7 @@ from typer import Option
 
 from mecazen_tools import INTERRUPTED, drawing, files
 from mecazen_tools import simulate as runs
-from mecazen_tools.cli.options import ScenarioArgument, Settings, console, load, warn
+from mecazen_tools.cli.options import Duration, ScenarioArgument, Settings, console, load, warn
 from mecazen_tools.simulate import InterruptedRun, Result, Summary
 from mecazen_tools.trajectory import Scores, Trajectory, sentence
 
@@ -44,10 +44,7 @@ def simulate(
         int | None,
         Option(min=0, max=2**32 - 1, help="Seed of the noise.", show_default="the scenario's"),
     ] = None,
-    duration_s: Annotated[
-        float | None,
-        Option("--duration", min=0, help="Simulated seconds.", show_default="the scenario's"),
-    ] = None,
+    duration_s: Duration = None,
     distributed: Annotated[
         bool, Option("--distributed", help="As processes over Zenoh; the result is the same.")
     ] = False,
