@@ -358,11 +358,11 @@ def to_toml(scenario: Scenario) -> str:
 
 def robots_in(text: str) -> tuple[str, ...]:
     """Return `Scenario.names` of a scenario in TOML; for invalid TOML, those of a single robot."""
-    robots = _tables(_parsed(text).get("robots"))
+    robots = _tables(tables_in(text).get("robots"))
     return tuple(str(robot.get("name")) for robot in robots) or ("",)
 
 
-def _parsed(text: str) -> dict[str, Any]:
+def tables_in(text: str) -> dict[str, Any]:
     """Return the tables of a recorded or published scenario; none for invalid TOML."""
     try:
         return parse_toml(text)
@@ -370,9 +370,9 @@ def _parsed(text: str) -> dict[str, Any]:
         return {}
 
 
-def renamed_in(scenario: str | Mapping[str, Any]) -> dict[str, str]:
-    """Return `Scenario.renamed` of a scenario in TOML, or of its tables."""
-    tables = _parsed(scenario) if isinstance(scenario, str) else scenario
+def renamed_in(text: str) -> dict[str, str]:
+    """Return `Scenario.renamed` of a scenario in TOML."""
+    tables = tables_in(text)
     from mecazen import keys  # noqa: PLC0415  # loading is light without messages
 
     renamed: dict[str, str] = {}

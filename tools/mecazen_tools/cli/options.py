@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import tomllib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
@@ -115,9 +114,9 @@ def receive(bus: ZenohBus, duration_s: float) -> None:
         bus.spin_once(left_s)
 
 
-def scenario_at(bus: ZenohBus) -> dict[str, Any]:
-    """Return the tables of the running scenario; empty if no service answers."""
+def scenario_at(bus: ZenohBus) -> str:
+    """Return the running scenario in TOML; empty if no service answers."""
     try:
-        return tomllib.loads(bus.call(SIM_SCENARIO, Empty(), ANSWER_S).data)
-    except (BusError, ValueError):
-        return {}
+        return bus.call(SIM_SCENARIO, Empty(), ANSWER_S).data
+    except BusError:
+        return ""

@@ -15,6 +15,7 @@ from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.errors import BusError
 from mecazen.graph import SHARED, WORLDS
+from mecazen.loading import robots_in, tables_in
 from mecazen.messages import DiagnosticArray, Empty, SimState
 from mecazen.robots import join_key
 from mecazen.runtime.observer import PUBLISHERS
@@ -128,11 +129,10 @@ class Diagnostics:
                 sim = self._bus.call(keys.SIM_STATE, Empty(), ANSWER_S)
         if sim is not None and not self._parts:
             scenario = scenario_at(self._bus)
-            robots = [robot["name"] for robot in scenario.get("robots", ())] or [""]
             self._parts = [
                 join_key(part, robot)
-                for part in scenario.get("services", ())
-                for robot in (("",) if part in SHARED else robots)
+                for part in tables_in(scenario).get("services", ())
+                for robot in (("",) if part in SHARED else robots_in(scenario))
             ]
         self._bus.drain()
         names = {name for name in (*alive, *self.reports) if not name.endswith("/ready")}

@@ -23,7 +23,7 @@ from mecazen.commands import FOLLOWER
 from mecazen.errors import ConfigError
 from mecazen.geometry import Twist2D
 from mecazen.keys import Topic, of_robot
-from mecazen.loading import renamed_in
+from mecazen.loading import renamed_in, robots_in
 from mecazen.messages import Twist
 from mecazen.robots import join_key
 from mecazen.text import printable
@@ -170,8 +170,8 @@ class Remote:
 
     def __init__(self, bus: ZenohBus, robot: str, *, person: bool) -> None:
         scenario = scenario_at(bus)
-        robots = [str(robot["name"]) for robot in scenario.get("robots", ())]
-        if scenario and robot not in (robots or [""]):
+        robots = robots_in(scenario)
+        if scenario and robot not in robots:
             names = ", ".join(map(printable, robots)) or "one without a name"
             raise ConfigError(f"--robot {robot or 'is needed'}: there is {names}")
         bus.renamed = renamed_in(scenario)
