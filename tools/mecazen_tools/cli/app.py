@@ -19,7 +19,7 @@ from mecazen.schema import Folder
 from mecazen.text import printable
 from typer import Argument, Option
 
-from mecazen_tools.cli import compare, graph, new, sim, simulate, status, talk, teleop, up, world
+from mecazen_tools.cli import compare, graph, new, sim, simulate, status, talk, teleop, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load, warn
 
 COMMANDS = (
@@ -70,7 +70,7 @@ for command in COMMANDS:
     app.command()(command)
 app.add_typer(sim.app, name="sim")
 app.add_typer(sim.param_app, name="param")
-app.add_typer(world.app, name="world")
+app.add_typer(sim.world_app, name="world")
 app.add_typer(certificates_app, name="keys")
 for extra in filter(is_installed, EXTRAS):
     for name, place in EXTRAS[extra].items():

@@ -1,14 +1,19 @@
-"""`mecazen sim` and `mecazen param`: queries to the clock of a running simulation."""
+"""`mecazen sim`, `mecazen param` and `mecazen world`: queries to the clock of a simulation."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
 
 import msgspec
+import msgspec.inspect as mi
 import typer
 from mecazen import keys
+from mecazen.config.people import Passerby
+from mecazen.config.world import Box
 from mecazen.errors import BusError, ConfigError
 from mecazen.keys import AnswerT, Call, RequestT
+from mecazen.loading import override, parse_settings
 from mecazen.messages import (
     Empty,
     Message,
@@ -20,6 +25,7 @@ from mecazen.messages import (
     SpeedRequest,
     StepRequest,
 )
+from mecazen.parameters import ADDED, to_text
 from mecazen.text import printable
 from mecazen.wire import NS_PER_S
 from rich.table import Table
@@ -36,6 +42,9 @@ NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 app = typer.Typer(no_args_is_help=True, help="Pause, resume, step, reset or speed up a simulation.")
 param_app = typer.Typer(
     no_args_is_help=True, help="Show and change settings while a simulation runs."
+)
+world_app = typer.Typer(
+    no_args_is_help=True, help="Add boxes and people to a running simulation, and remove them."
 )
 
 
@@ -171,7 +180,74 @@ def set_(
         if not equals:
             raise ConfigError(f"{setting}: must be NAME=VALUE, such as follower.standoff_m=1.5")
         changes.append(Parameter(name=name.strip(), value=value.strip()))
-    answer = ask(context, keys.SET_PARAMETERS, Parameters(parameters=tuple(changes)))
-    begin_s = answer.header.stamp.ns / NS_PER_S
+    answer, begin = _set(context, changes)
     for parameter in answer.parameters:
-        typer.echo(printable(f"{parameter.name}={parameter.value} from t = {begin_s:g} s on"))
+        typer.echo(printable(f"{parameter.name}={parameter.value} {begin}"))
+
+
+def _set(context: typer.Context, changes: Sequence[Parameter]) -> tuple[Parameters, str]:
+    """Set parameters; return the answer, and the time of the change as text."""
+    answer = ask(context, keys.SET_PARAMETERS, Parameters(parameters=tuple(changes)))
+    return answer, f"from t = {answer.header.stamp.ns / NS_PER_S:g} s on"
+
+
+@world_app.command()
+def add(
+    context: typer.Context,
+    kind: Literal["box", "person"],
+    name: Annotated[str, Argument(metavar="NAME", help="A new name, e.g. crate.")],
+    at: Annotated[
+        tuple[float, float], Option("--at", metavar="X Y", help="Its place in the world in metres.")
+    ],
+    yaw: Annotated[float, Option(metavar="DEG", help="Its heading in the world.")] = 0.0,
+    size: Annotated[
+        tuple[float, float, float],
+        Option(metavar="X Y Z", help="Length, width and height of a box in metres."),
+    ] = (0.5, 0.5, 0.5),
+    settings: Annotated[
+        list[str] | None,
+        Option("--set", metavar="KEY=VALUE", help="E.g. a person's path.kind. Repeatable."),
+    ] = None,
+) -> None:
+    """Add a box, or a person who stands, from the next tick on until the run ends.
+
+    Examples: mecazen world add box crate --at 2 0 --size 0.4 0.4 0.6 --yaw 30 ·
+    mecazen world add person bob --at 3 -2 --yaw 90 --set path.kind=straight
+    """
+    box = {"size_m": size, "position_m": at, "yaw_deg": yaw}
+    path = {"kind": "standing", "x_m": at[0], "y_m": at[1], "yaw_deg": yaw}
+    thing: dict[str, Any] = {"kind": kind, **(box if kind == "box" else {"path": path})}
+    for key, value in parse_settings(settings or ()).items():
+        override(thing, mi.type_info(Box if kind == "box" else Passerby), key, value)
+    _change(context, {name: thing})
+
+
+@world_app.command()
+def remove(
+    context: typer.Context,
+    names: Annotated[
+        list[str], Argument(metavar="NAME...", help="The names that `mecazen world add` gave.")
+    ],
+) -> None:
+    """Remove what was added, all or nothing.
+
+    Example: mecazen world remove crate bob
+    """
+    _change(context, dict.fromkeys(names))
+
+
+@world_app.command(name="list")
+def list_added(context: typer.Context) -> None:
+    """Show what was added, with its settings."""
+    for thing in ask(context, keys.GET_PARAMETERS, ParameterNames()).parameters:
+        if thing.name.startswith(ADDED):
+            typer.echo(printable(f"{thing.name.removeprefix(ADDED)} = {thing.value}"))
+
+
+def _change(context: typer.Context, things: dict[str, Any]) -> None:
+    """Add things by name, and remove those that are None; print the time of the change."""
+    changes = [Parameter(ADDED + name, to_text(thing)) for name, thing in things.items()]
+    _, begin = _set(context, changes)
+    for name, thing in things.items():
+        change = "removed" if thing is None else "added"
+        typer.echo(printable(f"{name} {change} {begin}"))
