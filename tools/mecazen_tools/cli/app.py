@@ -19,11 +19,11 @@ from mecazen.schema import Folder
 from mecazen.text import printable
 from typer import Argument, Option
 
-from mecazen_tools.cli import compare, graph, new, sim, simulate, status, talk, teleop, up
+from mecazen_tools.cli import graph, new, sim, simulate, status, talk, teleop, up
 from mecazen_tools.cli.options import ScenarioArgument, Settings, load, warn
 
 COMMANDS = (
-    *(up.up, simulate.simulate, simulate.collect, compare.compare, graph.graph, graph.topics),
+    *(up.up, simulate.simulate, simulate.collect, simulate.compare, graph.graph, graph.topics),
     *(new.new, new.scenarios),
     *(status.status, talk.echo, talk.pub, teleop.teleop),
 )
