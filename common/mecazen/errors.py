@@ -56,10 +56,6 @@ class RefusedError(Exception):
     """A message that can't be used; it is raised only where a message is read."""
 
 
-class StepTimeoutError(MecazenError):
-    """A service did not answer a tick in time."""
-
-
 class NodeError(MecazenError):
     """A user node failed; the message names the node, the failed call and the place in its code."""
 

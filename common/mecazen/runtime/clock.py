@@ -10,7 +10,7 @@ from contextlib import suppress
 from mecazen import keys
 from mecazen.bus import Reply
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError, StepTimeoutError
+from mecazen.errors import ConfigError, MecazenError
 from mecazen.graph import COLLECTOR, OBSERVERS
 from mecazen.loading import to_toml
 from mecazen.loop import Slot
@@ -218,7 +218,7 @@ class Clock:
         return [name for name in names if name not in self.host.bus.presence.names]
 
     def _refuse_silence(self, missing: list[Slot], begin_s: float) -> None:
-        """Raise StepTimeoutError if a service that has not answered is gone or silent."""
+        """Raise MecazenError if a service that has not answered is gone or silent."""
         gone = self._gone(missing)
         waited_s = time.monotonic() - begin_s
         if self.host.bus.hears_itself:  # nothing can arrive within one process
@@ -347,7 +347,7 @@ class Clock:
         missing = self._await_ready(awaited - observers, timeout_s)
         missing += self._await_ready(observers, OBSERVERS_S)
         if missing and self.lockstep:
-            raise StepTimeoutError(
+            raise MecazenError(
                 f"not there within sim.answer_timeout_s = {timeout_s:g}: {', '.join(missing)}"
             )
         if missing:

@@ -11,7 +11,7 @@ from typing import Any
 from mecazen import keys
 from mecazen.bus import Bus, Reply
 from mecazen.config import Scenario
-from mecazen.errors import ConfigError, RefusedError, StepTimeoutError
+from mecazen.errors import ConfigError, MecazenError, RefusedError
 from mecazen.graph import SHARED
 from mecazen.keys import Call, Topic, call_of_robot
 from mecazen.loop import Loop, Slot, Turn, awaited_services, turns_of
@@ -236,10 +236,10 @@ class Host:
         depth = 0 if slot.giver is None else slot.giver.depth()
         return self.scenario.sim.answer_timeout_s + LONGER_S * depth
 
-    def silence_of(self, services: Iterable[str]) -> StepTimeoutError:
+    def silence_of(self, services: Iterable[str]) -> MecazenError:
         """Return the error that services have not answered the present tick."""
         time_ns = self.stamp.time_ns
-        return StepTimeoutError(
+        return MecazenError(
             f"{', '.join(services)} did not answer tick {time_ns // self.tick_ns} "
             f"(t = {time_ns / NS_PER_S} s)"
         )
