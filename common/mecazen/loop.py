@@ -21,7 +21,7 @@ from mecazen.keys import CLOCK, Topic, of_robot
 from mecazen.messages import Message
 from mecazen.node import Inputs, Node, Outputs, Tick
 from mecazen.robots import join_key, seed_of
-from mecazen.row import Input, Row, Rule
+from mecazen.row import Input, Row
 from mecazen.wire import NS_PER_S, Stamp, decode, encode
 
 AHEAD_AT_MOST = 10_000
@@ -33,10 +33,11 @@ _PLAIN = nullcontext()
 class Slot:
     """An input of a turn: the newest message, and samples that wait for their ticks."""
 
-    def __init__(self, topic: Topic[Any], on_bus: Topic[Any], row_input: Input, rule: Rule) -> None:
-        self.topic, self.on_bus, self.rule = topic, on_bus, rule
-        """The topic as the node refers to it, the topic with its full key, and the rule that
-        applies in this run."""
+    def __init__(self, topic: Topic[Any], on_bus: Topic[Any], row_input: Input) -> None:
+        self.topic, self.on_bus = topic, on_bus
+        """The topic as the node refers to it, and the topic with its full key."""
+        self.rule = row_input.rule
+        """The rule that applies in this run."""
         self.revises = row_input.revises
         """Whether a sample that arrives after the step of its tick repeats that step."""
         self.lag = int(row_input.before)
@@ -160,7 +161,7 @@ class Turn:
         self.slots: list[Slot] = []
         for i in row.inputs:
             for name in ("",) if i.topic.shared or i.topic is CLOCK else names:
-                slot = Slot(known(i.topic, name), of_robot(i.topic, name), i, i.rule)
+                slot = Slot(known(i.topic, name), of_robot(i.topic, name), i)
                 slot.period = period(i.topic)
                 has_giver = not i.topic.by_hand and graph.giver(i.topic.key) is not None
                 if i.rule == "latest" and is_lockstep and has_giver:
@@ -188,11 +189,6 @@ class Turn:
         """Tick of the last step in this run."""
         self.known_ns: dict[Topic[Any], int] = {}
         """Time of the newest message that steps have used [ns]."""
-
-    @property
-    def name(self) -> str:
-        """The node's name, preceded by the robot's name if there are several robots."""
-        return join_key(self.row.name, self.robot)
 
     @property
     def service(self) -> str:

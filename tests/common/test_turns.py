@@ -19,6 +19,7 @@ from mecazen.keys import CLOCK, ODOM, Topic
 from mecazen.loop import awaited_services, turns_of
 from mecazen.messages import String
 from mecazen.programs import graph_of
+from mecazen.robots import join_key
 from mecazen.row import Row, due, every, latest
 from mecazen.wire import encode
 from toys import Toy, user_nodes
@@ -33,7 +34,7 @@ def turns_with(scenario, *more, **changes):
     """Return the turns of a scenario with further rows in its graph, by name and in order."""
     changed = msgspec.structs.replace(scenario, **{"sim": LOCKSTEP, **changes})
     graph = Graph((*graph_of(changed).rows, *more), changed.names)
-    return {turn.name: turn for turn in turns_of(changed, graph)}
+    return {join_key(turn.row.name, turn.robot): turn for turn in turns_of(changed, graph)}
 
 
 def row(name, *inputs, gives=(), **rates):
