@@ -150,7 +150,7 @@ def call_of_robot(call: Call[RequestT, AnswerT], robot: str) -> Call[RequestT, A
     return replace(call, key=f"{robot}/{call.key}") if robot else call
 
 
-def renamed(robot: str, *, command_key: str, odometry_key: str) -> dict[str, str]:
+def renamed(robot: str, command_key: str, odometry_key: str) -> dict[str, str]:
     """Return the keys of a robot that differ from those of their topics, by topic key."""
     keys = {CMD_VEL.key: command_key, ODOM.key: odometry_key}
     return {

@@ -383,8 +383,8 @@ def renamed_in(text: str) -> dict[str, str]:
             controller |= section if isinstance(section, dict) else {}
         renamed |= keys.renamed(
             str(robot.get("name", "")),
-            command_key=str(controller.get("command_key", keys.CMD_VEL.key)),
-            odometry_key=str(controller.get("odometry_key", keys.ODOM.key)),
+            str(controller.get("command_key", keys.CMD_VEL.key)),
+            str(controller.get("odometry_key", keys.ODOM.key)),
         )
     return renamed
 

@@ -279,14 +279,11 @@ class Scenario(Section):
         """Keys on the bus that differ from those of their topics, by topic key."""
         from mecazen.keys import renamed  # noqa: PLC0415  # loading is light without messages
 
-        controllers = {name: self.of(name).controller for name in self.names}
-        return {
-            topic: key
-            for name, controller in controllers.items()
-            for topic, key in renamed(
-                name, command_key=controller.command_key, odometry_key=controller.odometry_key
-            ).items()
-        }
+        changes: dict[str, str] = {}
+        for name in self.names:
+            controller = self.of(name).controller
+            changes |= renamed(name, controller.command_key, controller.odometry_key)
+        return changes
 
     @property
     def parts(self) -> tuple[tuple[str, str], ...]:
