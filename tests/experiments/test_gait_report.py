@@ -67,21 +67,6 @@ def test_scores_are_root_mean_squares_of_distances_from_the_norm():
     assert (knee[0], knee[70], knee[100]) == pytest.approx((0.7, 59.3, 0.7))  # as in the file
 
 
-def test_a_trc_file_has_the_lines_that_opensim_checks(stage):
-    lines = trc("walk.trc", stage.t, stage.joints).split("\n")
-    n = str(len(stage.t))
-    assert lines[0] == "PathFileType\t4\t(X/Y/Z)\twalk.trc"
-    assert lines[2].split("\t") == ["50.00", "50.00", n, "20", "m", "50.00", "1", n]
-    assert lines[3].split("\t")[2:9] == ["Hip", "", "", "Spine", "", "", "Neck"]
-    assert lines[4].split("\t")[:5] == ["", "", "X1", "Y1", "Z1"]
-    assert lines[5] == ""
-    row = lines[6].split("\t")
-    assert row[0] == "1"
-    x, y, z = stage.joints[0, 0]
-    assert list(map(float, row[2:5])) == pytest.approx([x, z, -y], abs=1e-6)
-    assert set(lines[6 + MISSING].split("\t")[2:]) == {"nan"}
-
-
 @needs_ezc3d
 def test_a_c3d_file_has_joints_and_events(stage, tmp_path):
     with warnings.catch_warnings(action="ignore"):  # of SWIG, on Python 3.12 and later

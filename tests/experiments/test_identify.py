@@ -26,7 +26,6 @@ from mecazen_experiments.identify.identification import (
 )
 from mecazen_experiments.identify.models import Model, ambiguities, covariance, estimates, fit
 from mecazen_experiments.identify.motors import NAMES, identify_motors, response
-from mecazen_experiments.identify.validate import split
 from mecazen_experiments.identify.windows import (
     check_wheels,
     drifts,
@@ -177,17 +176,6 @@ def test_one_radius_fits_circles_and_squares_with_missing_time_made_up_for(sampl
         radii.append(fit(FREE, units).by_name["radius_m"])
     # as logged, the radii would differ by 4 %
     assert radii[1] == pytest.approx(radii[0], rel=0.008)
-
-
-def test_every_second_session_of_a_kind_of_path_is_held_out(sample):
-    fitted, others = ({run.session for run in half} for half in split(sample))
-    assert fitted == {"circular_231220200502", "square_080920201205"}
-    assert others == {"circular_231220200510", "square_080920201715"}
-    with pytest.raises(ConfigError, match="--validate needs a second session"):
-        split([run for run in sample if run.session in fitted])
-    moved = [replace(run, group=run.group * (run.session in fitted)) for run in sample]
-    with pytest.raises(ConfigError, match="no session for fitting has its markers"):
-        split(moved)
 
 
 @pytest.fixture(scope="module")

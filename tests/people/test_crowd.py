@@ -1,15 +1,15 @@
 """Pedestrians who give way: their goals, their distances, and the forces between them."""
 
 import math
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
 import pytest
-from mecazen.config.people import Goal, Reactive
+from mecazen.config.people import Reactive
 from mecazen.config.world import Box, Cylinder
 from mecazen.geometry import Pose2D
 from mecazen_people import forces
-from mecazen_people.crowd import CLEAR_M, Agent, Errand, Pedestrians, errand_of, random_errands
+from mecazen_people.crowd import CLEAR_M, Agent, Errand, Pedestrians, random_errands
 
 RADIUS_M, DT_S = 0.2, 0.02
 AREA = Reactive(count=12, x_m=(-4.0, 4.0), y_m=(-3.0, 3.0))
@@ -65,13 +65,6 @@ def test_random_starts_are_clear_and_repeatable():
     assert errands != random_errands(AREA, 4, [(0.0, 0.0)], ())
     speeds = [one.speed for one in errands]
     assert all(0.3 <= speed <= 1.34 + 4 * 0.26 for speed in speeds)
-
-
-def test_goal_back_and_forth_is_repeated():
-    there = errand_of(Goal(goal_m=(3.0, 0.0), back_and_forth=True))
-    places = [now[0].x for now in walk([there], 15.0)]
-    far = [x > 2.6 for x in places]
-    assert sum(b and not a for a, b in pairwise(far)) >= 2
 
 
 AHEAD = np.array([[1.0, 0.0]])

@@ -214,12 +214,3 @@ def test_pixels_without_a_hit_in_range_are_0():
     depths = picture(room(to_the_left), mounted(x=0.1, z=1.9), **SHARP)
     assert np.all(np.abs(depths[:100, :160] - 2000.0) <= HALF_MM)
     assert np.all(depths[:100, 160:] == 0.0)
-
-
-@pytest.mark.parametrize("distance", [1.0, 2.0])
-def test_noise_grows_with_the_square_of_depth(distance):
-    errors = picture(room(wall(distance)), mounted(z=1.9), noise_m=0.004) - 1000.0 * distance
-    std = math.hypot(4.0 * distance**2, 1.0 / math.sqrt(12.0))  # and rounding to 1 mm
-    # four standard errors of a mean and of a deviation
-    assert np.mean(errors) == pytest.approx(0.0, abs=4 * std / math.sqrt(errors.size))
-    assert np.std(errors) == pytest.approx(std, rel=4 / math.sqrt(2 * errors.size))

@@ -2,7 +2,6 @@
 
 import multiprocessing
 import random
-import re
 import threading
 import time
 from collections import deque
@@ -12,25 +11,16 @@ from typing import Any
 
 import zenoh
 from harness import COMMAND_GUARD_S
-from hostile import Put
+from hostile import Put, damaged
 from mecazen import keys
 from mecazen.bus.base import decode_sample
 from mecazen.bus.session import open_session
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.graph import SERVICES
 from mecazen.messages import DiagnosticArray, Message
-from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, RefusedError, decode, encode
+from mecazen.wire import JSON_ENCODING, RefusedError, decode, encode
 
 SEED = 20
-TOKEN = re.compile(rb'"[^"]*"|[-+.\w]+')
-"""A name or a value in JSON."""
-ODD = (
-    b"null", b"true", b'"1"', b"{}", b"[[]]", b'{"x":1}', b"-1", b"2147483648", b"1.5", b"NaN",
-    b"-Infinity", b"1e999", b"9" * 400, b"0x10", b".5", b"[0,1]", b'"\\ud7ff"', b"\xff", b"\xc0",
-    b"[" * 5000, b'{"header":' * 5000, b'{"linear":[' * 2000,
-    b"\xff" * 4, b"\xf0\x7f", b"\xdd\xff\xff\xff\xff", b" " * MAX_SAMPLE_BYTES,
-)  # fmt: skip
-"""Wrong values, NaN, no UTF-8, deep nesting in JSON and CDR, too much."""
 LABELS = (
     "", JSON_ENCODING, "application/cdr", "text/json", "text/plain", "zenoh/bytes",
     "application/json;é", "\x00", "/", "a" * 200,
@@ -63,21 +53,9 @@ def malformed() -> Iterator[Put]:
         # a stamp is 16 or 20 bytes
         sizes = (16, 20, chance.randrange(40)) if chance.randrange(10) == 0 else ()
         attachment = chance.randbytes(chance.choice(sizes)) if sizes else None
-        put = Put(key, _damaged(chance, encode(kind())), chance.choice(LABELS), attachment)
+        put = Put(key, damaged(chance, encode(kind())), chance.choice(LABELS), attachment)
         if _is_refused(put, kind):
             yield put
-
-
-def _damaged(chance: random.Random, good: bytes) -> bytes:
-    """Return a message with a token, any piece, its end or all of it replaced."""
-    begin = chance.randrange(len(good))
-    spans = [(begin, begin + chance.randrange(4)), (begin, len(good)), (0, len(good))]
-    if token := TOKEN.search(good, begin):
-        spans.append(token.span())
-    begin, end = chance.choice(spans)
-    noise = chance.randbytes(1 + chance.randrange(9))
-    odd = chance.choice((b"", noise, chance.choice(ODD), good[begin:end]))
-    return good[:begin] + odd + good[end:]
 
 
 def _is_refused(put: Put, kind: type[Message]) -> bool:

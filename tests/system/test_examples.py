@@ -12,23 +12,12 @@ import pytest
 from harness import ROOT, SCENARIOS, Newest, here, tools
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
-from mecazen.loading import load_scenario, parse_settings
+from mecazen.loading import load_scenario
 from mecazen_gym.policy import SIZE
 from mecazen_tools.cli.status import Diagnostics
 from mecazen_tools.cli.up import settings_without
-from mecazen_tools.simulation import Simulation
 
 BACK = SCENARIOS / "back.toml"
-
-
-def test_the_sensors_node_measures_the_true_distance_at_its_rate():
-    program = f"programs.my_sensor={ROOT}/examples/new/my_sensor.py:MySensor"
-    exact = {"my_sensor.std_m": 0.0, "my_sensor.rate_hz": 50.0}
-    with Simulation(BACK, {**parse_settings([program]), **exact}, duration_s=2.0) as sim:
-        times_s = [sim.latest("my_sensor").header.stamp.ns / 1e9 for _ in sim.ticks()]
-        assert sorted({*times_s}) == pytest.approx([0.02 * number for number in range(100)])
-        measured, state = sim.latest("my_sensor").distance, sim.state
-        assert measured == pytest.approx(state.robot.distance(state.person), abs=0.01)
 
 
 PLAIN = """

@@ -139,16 +139,9 @@ def test_the_command_line_shows_and_changes_parameters_and_things(stack):
     crate = ("world", "add", "box", "crate", "--at", "-5", "0")
     assert shown(*crate).startswith("crate added from t = ")
     assert shown("world", "list").startswith('crate = {kind = "box", size_m = [0.5, 0.5, 0.5], ')
-    for wrong, words in (
-        (("param", "set", "follower.standof_m=1"), "did you mean follower.standoff_m?"),
-        (("param", "set", "follower.standoff_m=-1"), "follower.standoff_m: got -1"),
-        (("param", "list", "nobody"), "'nobody'"),
-        (crate, "crate: exists already"),
-        (("world", "add", "person", "a", "--at", "5", "5"), "people need the crowd: start with"),
-    ):
-        error = ask(*wrong).exception
-        assert isinstance(error, MecazenError)
-        assert words in str(error)
+    error = ask(*crate).exception
+    assert isinstance(error, MecazenError)
+    assert "crate: exists already" in str(error)
     assert shown("world", "remove", "crate").startswith("crate removed from t = ")
     # who comes late has them as well
     with closing(ZenohBus(running.scenario.bus)) as bus:

@@ -12,8 +12,8 @@ from harness import command, forward, tools, wait
 from mecazen import keys
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
-from mecazen.geometry import Pose2D, Twist2D
-from mecazen.messages import GuardState, Time, planar_odometry
+from mecazen.geometry import Twist2D
+from mecazen.messages import GuardState
 
 
 class Terminal:
@@ -99,19 +99,14 @@ def test_a_key_drives_until_its_release(teleop):
     hand.bus.declare_alive("controller")
     hand.type("w")
     hand.wait_for(cmd(0.3), cmd())
-    assert "vx +0.30" in hand.text
     hand.type("++L")
     hand.wait_for(cmd(yaw=-0.72), cmd())
-    assert "120 %" in hand.text
     hand.commands.clear()
     hand.type(" ")  # stops whoever drives
     hand.wait_for(cmd())
-    odometry = planar_odometry(Time(), "odom", "base_link", Pose2D(1.5, -0.25, 0.0), Twist2D(0.3))
-    hand.bus.publisher(keys.ODOM).put(odometry, None)
     state = GuardState(state="slow", factor=0.5, reason="a wall\x1b[2J is near")
     hand.bus.publisher(keys.GUARD_STATE).put(state, None)
     hand.wait(lambda: "guard lets 50% through" in hand.text)
-    assert "x +1.50 y -0.25 m   +0°  0.30 m/s  guard: slow" in hand.text
     assert "a wall\\u001b[2J is near" in hand.text
     hand.bus.publisher(keys.CMD_VEL).put(forward(0.1), None)
     hand.wait(lambda: "another program drives on cmd_vel as well" in hand.text)
