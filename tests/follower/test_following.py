@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from follower.stepped import Follower
 from mecazen.config import FollowerConfig
-from mecazen.config.follower import PidControl, PolarControl
+from mecazen.config.follower import PolarControl
 from mecazen.geometry import Pose2D, Twist2D, wrap
 from mecazen.messages import diagonal_covariance
 from mecazen_follower.node import TURN_RAD_S
@@ -148,18 +148,6 @@ def scores(config, *args, **kwargs):
         math.degrees(np.mean([abs(error.yaw) for error in errors])),
         np.sqrt(np.mean(np.square(jumps))) / DT,
     )
-
-
-# Errors of the sensor alone: 5 cm and 5 degrees, as the means of |x, y| and |yaw|.
-NOISE_M, NOISE_DEG = 0.05 * math.sqrt(math.pi / 2.0), 5.0 * math.sqrt(2.0 / math.pi)
-
-
-def test_the_robot_is_nearer_than_it_sees():
-    # the estimator of no scenario; test_one_result pins the scores of the others
-    config = FollowerConfig(view="side_right", estimator="ekf_ctrv", control=PidControl())
-    distance, heading, _ = scores(config)
-    assert distance < NOISE_M
-    assert heading < NOISE_DEG
 
 
 def test_without_noise_the_steady_state_has_no_error():

@@ -198,11 +198,7 @@ def test_a_number_is_a_walker(walks):
 
 
 SMOOTHING_S = 0.8
-REPOSITORY = Path(__file__).parents[2]
-WALKS = REPOSITORY / "configs" / "walks"
-PEDESTRIANS = REPOSITORY.parent / "shared" / "data" / "pedestrians"
-FILES = [WALKS / "synthetic.csv", *sorted(PEDESTRIANS.glob("*.csv"))[:2]]
-"""The track of the project, and two of recorded pedestrians where they are present."""
+WALKS = Path(__file__).parents[2] / "configs" / "walks"
 
 # Between two knots of the heading a monotone cubic is at most 1.5 times as steep as its secant.
 YAW_RATE_LIMIT = 1.5 * MAX_YAW_RATE
@@ -260,8 +256,8 @@ def test_heading_of_any_track_is_continuous(steps):
         assert after.distance >= before.distance - 1e-3  # cubics across a jump of speed
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_recorded_person_moves_as_people_do(file):
+def test_recorded_person_moves_as_people_do():
+    file = WALKS / "synthetic.csv"
     samples = read_track(file)
     track = recorded_walk(samples, SMOOTHING_S)
     first = samples[0, 0]
