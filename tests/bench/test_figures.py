@@ -35,24 +35,6 @@ def test_rounds_become_medians_with_quartiles_and_are_interleaved():
     assert figures[0] == Quantity("a", "a", "place", 3.0, 2.0, 4.0, "less")
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "goal", "spread", "expected"),
-    [
-        (80.0, 90.0, "less", 0.0, "worse"),
-        (600.0, 700.0, "more", 0.0, "better"),
-        (0.99, 1.04, "1", 0.0, "worse"),
-        (0.98, 1.02, "1", 0.0, ""),
-        (1.0, 1.0005, "less", 0.0, ""),
-        (80.0, 89.0, "less", 5.0, ""),  # within the spread of both
-        (80.0, 91.0, "less", 5.0, "worse"),
-    ],
-)
-def test_a_change_is_judged_by_the_goal_of_the_figure(before, after, goal, spread, expected):
-    table, worse = harness.compare([figure(before, goal, spread)], [figure(after, goal, spread)])
-    assert table.splitlines()[2].split("|")[-2].strip() == expected
-    assert worse == (expected == "worse")
-
-
 def test_a_run_prints_its_tables_and_writes_its_figures(monkeypatch, tmp_path):
     monkeypatch.setattr(loop, "run", lambda: {"Loop": {"back": {"µs/tick": (80.0, "less")}}})
     file = tmp_path / "new" / "out.csv"

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from harness import ROOT
-from mecazen import Simulation
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import Odometry
@@ -176,21 +175,6 @@ def test_an_episode_terminates_and_costs_as_much_as_being_far_for_the_rest(make,
     left_s = 0.99 - info["time_s"]  # 100 ticks, from 0 on
     far_m = options.get("far_m", 3.0)
     assert reward == pytest.approx(-0.1 * cost - changed - far_m * left_s)
-
-
-def test_an_episode_is_truncated_where_the_scenario_ends(make):
-    env = make(duration_s=0.25)
-    env.reset()
-    ends = [env.step(STILL)[2:4] for _ in range(3)]
-    assert ends == [(False, False), (False, False), (False, True)]
-    assert env.unwrapped.sim.time_s == pytest.approx(0.24)
-
-
-def test_the_place_is_that_of_the_scenarios_follower_also_of_a_loaded_scenario(make):
-    with Simulation("back", {"follower.standoff_m": 1.5}) as sim:
-        scenario = sim.scenario
-    _, info = make(scenario=scenario).reset()
-    assert info["place_error_m"] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

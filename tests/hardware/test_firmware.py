@@ -45,22 +45,6 @@ def test_reports_have_the_vendors_period_and_scales():
     assert struct.unpack("<4i", newest[0x0D]) == (1320, 0, -660, 0)
 
 
-@pytest.mark.parametrize(
-    ("payload", "answer"),
-    [
-        ((0x51, 0), "fffb055103055e"),
-        ((0x15, 0), "fffb051501001b"),
-        ((0x14, 5), ""),
-    ],
-)
-def test_requests_are_answered_in_the_next_millisecond(payload, answer):
-    board = Firmware()
-    take(board, frame(0x01, b"\x00\x00"))  # no reports
-    for byte in frame(0x50, bytes(payload)):
-        board.receive(byte)
-    assert b"".join(run(board, 2)).hex() == answer
-
-
 def test_twist_becomes_limited_rim_speeds():
     board = Firmware()
     take(board, motion(500, 200, 1000))
@@ -69,29 +53,6 @@ def test_twist_becomes_limited_rim_speeds():
     take(board, motion(900, 900, 0))
     run(board, 60_000)
     assert board.goal == [0.0, 1000.0, 1000.0, 0.0]  # the direction is lost; kept for ever
-
-
-def test_the_loop_reaches_a_speed():
-    board, angle, speed = Firmware(), 0.0, 0.0
-    take(board, motion(500))
-    for _ in range(3000):
-        board.millisecond(Instruments((angle,) * 4, VOLTS))
-        speed += (max(board.duty[0] * VOLTS - 3.3, 0.0) / 0.34 - speed) * 0.001 / 0.07
-        angle += speed * 0.001
-    # one count in 10 ms is 15.5 mm/s, which the loop can't see below
-    assert speed * 32.5 == pytest.approx(500, abs=16)
-
-
-def test_malformed_and_hurried_frames_are_lost():
-    board = Firmware()
-    take(board, b"\xff" + motion(500))  # a repeated first byte
-    take(board, motion(500)[:-1] + b"\x00")  # a wrong sum
-    take(board, frame(0x23, bytes(15)))  # 20 bytes or more
-    assert (board.taken, board.goal) == (0, [0.0] * 4)
-    take(board, motion(500) + motion(300))  # without a gap
-    assert board.taken == 1
-    take(board, frame(0x23, bytes(14)), frame(0x99, b"\x01"))  # lights, and no command
-    assert (board.taken, board.goal) == (3, [300.0] * 4)
 
 
 @pytest.mark.parametrize(

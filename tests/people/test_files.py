@@ -166,7 +166,6 @@ WRONG = {
         without("Ankle"),
         "no point for the left ankle; known: LAnkle, .*has LHJC, LKnee,",
     ),
-    "names": (lambda points: {f"M{n}": p for n, p in enumerate(points.values())}, "it has M0, M1"),
     "inches": (
         mapped(lambda p: p / 0.0254),
         r"shanks of 0\.20 to 0\.57 m in m, cm or mm, has 15\.5",
@@ -177,18 +176,10 @@ WRONG = {
         lambda points: {**points, "B:LKnee": points["LKnee"]},
         "LKnee, B:LKnee; export a",
     ),
-    "never seen": (
-        lambda points: {**points, "LKnee": points["LKnee"] * np.nan},
-        "no point for the left knee",
-    ),
     "mirrored": (mapped(lambda p: p * [1, -1, 1]), "left and right are swapped, or an axis is"),
-    "no toe": (
-        lambda points: {**points, "LToe": points["LToe"] * 0.0},
-        "no point for the left toe",
-    ),
 }
-GAIT_ONLY = "mirrored", "no toe"
-"""Motions that give no gait, but a path."""
+GAIT_ONLY = "mirrored"
+"""A motion that gives no gait, but a path."""
 
 
 @pytest.mark.parametrize("case", WRONG)
@@ -197,7 +188,7 @@ def test_wrong_motion_is_refused_in_one_line(case, short_walk, tmp_path):
     file = tmp_path / "walk.trc"
     write(file, change(points_of(short_walk)))
     readers = [lambda: WalkingPerson(Body(motion_file=file)), lambda: read_pelvis(file)]
-    for reader in readers[: 1 if case in GAIT_ONLY else 2]:
+    for reader in readers[: 1 if case == GAIT_ONLY else 2]:
         error = error_of(ConfigError, reader)
         assert error.startswith(f"{file}: ")
         assert re.search(words, error)

@@ -1,6 +1,5 @@
 """The parameter services of a ROS node answer as those of rclcpp, for live parameters."""
 
-import pytest
 from harness import SCENARIOS
 from mecazen import keys
 from mecazen import messages as m
@@ -14,7 +13,7 @@ from mecazen_ros.types import message
 Value = message("rcl_interfaces/msg/ParameterValue")
 Parameter = message("rcl_interfaces/msg/Parameter")
 SERVICE = {service.name: service for service in OF_NODE}
-BOOL, INTEGER, DOUBLE, STRING, STRINGS = 1, 2, 3, 4, 9
+BOOL, INTEGER, DOUBLE, STRING = 1, 2, 3, 4
 """Values of rcl_interfaces/msg/ParameterType."""
 
 
@@ -66,22 +65,6 @@ def test_values_and_descriptors_have_the_types_of_ros():
     assert (time.read_only, standoff.read_only, standoff.description) == (True, False, "in m")
     assert (standoff.floating_point_range[0].to_value, bearing.type) == (100.0, DOUBLE)
     assert standoff.additional_constraints == "a number > 0 and <= 100"
-
-
-@pytest.mark.parametrize(
-    ("text", "kind", "number", "value"),
-    [
-        ("2", "string", INTEGER, 2),  # Literal[1, 2]
-        (f"{2**63}", "integer", STRING, f"{2**63}"),
-        ("[]", "list", STRINGS, ()),
-        ("[1, 2.5]", "list", STRING, "[1, 2.5]"),
-    ],
-)
-def test_values_of_other_types_are_text(text, kind, number, value):
-    answer = m.ParameterDescriptor("mine.n", text, kind)
-    node = NodeParameters("mine", "", lambda *_: m.ParameterDescriptors((answer,)))
-    (result,) = called(node, "get_parameters", ("n",)).values
-    assert (result.type, getattr(result, Value.__struct_fields__[number])) == (number, value)
 
 
 def test_parameters_are_set_one_by_one_or_atomically():

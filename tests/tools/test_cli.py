@@ -3,14 +3,13 @@
 import resource
 import signal
 import subprocess
-import sys
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
 import pytest
-from harness import COMMAND_GUARD_S, command
+from harness import command
 from mecazen_tools.cli import app, sim, talk
 from typer.testing import CliRunner
 
@@ -103,34 +102,3 @@ def test_a_full_disk_is_one_line(tmp_path):
     begin = "error: the output is incomplete: "
     assert run("/dev/full", "topics") == (1, f"{begin}No space left on device\n")
     assert run(tmp_path / "back.toml", "config", "back") == (1, f"{begin}File too large\n")
-
-
-IN_AN_IMPORT = """
-import os, signal, sys
-from mecazen_tools.__main__ import main
-
-class Interrupt:
-    def find_spec(self, name, *_):
-        if name == sys.argv[1]:
-            os.kill(os.getpid(), signal.SIGINT)
-
-sys.meta_path.insert(0, Interrupt())
-main()
-"""
-
-
-@pytest.mark.parametrize(
-    ("module", "code"),
-    [
-        # the first ends the process by the signal, which a shell reports as 130, too
-        ("mecazen_tools.cli", -signal.SIGINT),
-        ("typer._adapters", 130),
-    ],
-    ids=["importing the commands", "importing what makes their options"],
-)
-def test_ctrl_c_while_a_command_starts_says_nothing(module, code):
-    done = subprocess.run(
-        [sys.executable, "-c", IN_AN_IMPORT, module],
-        capture_output=True, text=True, check=False, timeout=COMMAND_GUARD_S,
-    )  # fmt: skip
-    assert (done.returncode, done.stderr) == (code, "")
