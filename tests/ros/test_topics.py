@@ -2,14 +2,10 @@
 
 import math
 
-import pytest
-from harness import load_robot
 from mecazen import keys
 from mecazen import messages as m
-from mecazen.urdf import build_urdf
 from mecazen_ros.cdr import decode, encode
-from mecazen_ros.topics import fixed_frames, full_name, publications, subscriptions
-from msgspec.structs import replace
+from mecazen_ros.topics import full_name, publications, subscriptions
 
 POSE = m.PoseWithCovariance(m.Pose(m.Point(1.0, 2.0)))
 ODOMETRY = m.Odometry(m.Header(m.Time(3), "odom"), "base_link", POSE)
@@ -86,21 +82,3 @@ def test_a_scan_follows_rep_117_in_both_directions():
     ranges = (math.nan, math.inf, -math.inf, 0.0625, 0.5, 12.0, 40.0)
     payload = encode(m.LaserScan(range_min=0.125, range_max=12.0, ranges=ranges))
     assert decode(payload, m.LaserScan).ranges == (0.0, 13.0, 0.0625, 0.0625, 0.5, 12.0, 40.0)
-
-
-def test_fixed_links_are_frames():
-    robot = load_robot()
-    level = replace(robot, camera=replace(robot.camera, pitch_deg=0.0))
-    transforms = fixed_frames(build_urdf(level, "base_footprint"), "r/").transforms
-    frames = {frame.child_frame_id: frame for frame in transforms}
-    sensors = {"r/camera_link", "r/lidar_link", "r/camera_depth_optical_frame"}
-    assert frames.keys() == {*sensors, "r/base_link"}
-    base = frames["r/base_link"]
-    assert base.header.frame_id == "r/base_footprint"
-    assert base.transform.translation == m.Vector3()
-    optical = frames["r/camera_depth_optical_frame"]
-    assert optical.header.frame_id == "r/camera_link"
-    # the quaternion that REP-103's users write by hand
-    q = optical.transform.rotation
-    assert (q.x, q.y, q.z, q.w) == pytest.approx((-0.5, 0.5, -0.5, 0.5))
-    assert frames["r/lidar_link"].transform.translation.z > 0.0

@@ -131,13 +131,3 @@ def test_errors_of_a_person_stay_with_their_id():
     assert [frame[-1] for frame in leaving] == [frame[-1] for frame in staying]
     # another person does not change the errors of the first
     assert [frame[0] for frame in alone] == [frame[0] for frame in staying]
-
-
-def test_returning_person_has_a_new_identity():
-    away = range(20, 80)
-    sensor = Sensor(TrackerNode, "sensors.tracker.identity_memory_s=0.2")
-    frames = sensor.frames(
-        lambda tick: {} if tick in away else {"walker_1": (2.5, 0.9)}, range(0, 120, 2)
-    )
-    names = [tuple(skeleton.id for skeleton in frame) for frame in frames]
-    assert list(dict.fromkeys(names)) == [("1", "2"), ("1",), ("1", "3")]

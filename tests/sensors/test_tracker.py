@@ -160,36 +160,21 @@ def test_occluded_camera_reports_no_person():
 
 
 @pytest.mark.parametrize(
-    ("settings", "enter", "leave_s", "joint", "view", "never"),
+    ("settings", "joint", "view", "never"),
     [
         # legs are swapped while one hides the other
-        ({"swap_probability": 0.2, "swap_time_s": 0.2}, 0.2, 0.2, "ankle", SIDE, FRONT),
+        ({"swap_probability": 0.2}, "ankle", SIDE, FRONT),
         # the back is taken for the front, and never the front for the back
-        (
-            {"flip_rate_hz": 2.0, "flip_time_s": 0.5},
-            1.0 - math.exp(-FRAME_S * 2.0),
-            0.5,
-            "shoulder",
-            BACK,
-            FRONT,
-        ),
+        ({"flip_rate_hz": 2.0}, "shoulder", BACK, FRONT),
     ],
-    ids=["legs", "sides"],
 )
-def test_left_and_right_are_confused_for_a_share(settings, enter, leave_s, joint, view, never):
-    frames, left, right = 1000, INDEX[f"left_{joint}"], INDEX[f"right_{joint}"]
-
-    def share(view):
-        watch = Watch(seen_from(view), **{**EXACT, **settings})
-        swapped = (watch.joints(body())[[left, right], 1] for _ in range(frames))
-        return sum(a < b for a, b in swapped) / frames
-
-    leave = 1.0 - math.exp(-FRAME_S / leave_s)
-    expected, memory = enter / (enter + leave), 1.0 - enter - leave
-    independent = frames * (1.0 - memory) / (1.0 + memory)
-    error = math.sqrt(expected * (1.0 - expected) / independent)
-    assert share(view) == pytest.approx(expected, abs=4 * error)
-    assert share(never) == 0.0
+def test_left_and_right_are_confused_from_some_views(settings, joint, view, never):
+    left, right = INDEX[f"left_{joint}"], INDEX[f"right_{joint}"]
+    for bearing, is_confused in ((view, True), (never, False)):
+        watch = Watch(seen_from(bearing), **{**EXACT, **settings})
+        swapped = [np.subtract(*watch.joints(body())[[left, right], 1]) < 0 for _ in range(100)]
+        assert any(swapped) == is_confused
+        assert not all(swapped)
 
 
 def sagittal(joints):

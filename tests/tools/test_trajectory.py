@@ -3,21 +3,16 @@
 import hashlib
 import math
 
-import numpy as np
 import pytest
 from harness import error_of, load_robot
-from hypothesis import given
-from hypothesis import strategies as st
-from mecazen import geometry, keys
+from mecazen import keys
 from mecazen.bus import Bus
 from mecazen.config import FollowerConfig, RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.errors import MecazenError
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import FollowerState, Time, Twist, planar_odometry
 from mecazen.wire import Stamp
-from mecazen_tools.table import Poses
 from mecazen_tools.trajectory import COLUMNS, Scores, Trajectory
-from planar import poses
 
 TICK_NS = 10_000_000
 ALL = ("physics", "controller", "target", "follower")
@@ -117,22 +112,3 @@ def test_each_of_several_robots_has_its_columns():
     row = dict(zip(run.trajectory.columns, run.trajectory.rows()[0], strict=True))
     assert len(row) == 2 * (len(COLUMNS) - 1) + 1
     assert (row["one/target_x_m"], row["two/target_x_m"]) == (1.5, 3.0)
-
-
-pairs = st.lists(st.tuples(poses, poses), min_size=1, max_size=5)
-
-
-@given(pairs)
-def test_poses_of_many_ticks_are_those_of_each(pairs):
-    def assert_same(computed, expected):
-        for tick, pose in enumerate(expected):
-            # a coordinate of up to 400 has a rounding of 6e-14; some of them add up
-            assert computed.at(tick)[:2] == pytest.approx(pose[:2], abs=1e-12)
-            turn = geometry.wrap(computed.at(tick).yaw - pose.yaw)
-            assert turn == pytest.approx(0.0, abs=1e-12)
-
-    left, right = zip(*pairs, strict=True)
-    frames, bodies = (Poses(*np.array(column).T) for column in (left, right))
-    assert_same(frames.compose(bodies), [a.compose(b) for a, b in pairs])
-    assert_same(frames.between(bodies), [a.between(b) for a, b in pairs])
-    assert_same(frames.compose(right[0]), [pose.compose(right[0]) for pose in left])
