@@ -2,16 +2,26 @@
 
 import msgspec
 import pytest
-from carts import ALONE, STATES, Rig, x_of
-from harness import Listener, wait
+from carts import Carts
+from harness import Listener, load_robot, wait
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import Bus, StoppedError
-from mecazen.config import RobotConfig, SimConfig, StartConfig
+from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.errors import BusError, MecazenError
-from mecazen.keys import call_of_robot
 from mecazen.loading import to_toml
-from mecazen.messages import Clock, Empty, ResetRequest, SpeedRequest, StepRequest, Time, Twist
+from mecazen.messages import (
+    Empty,
+    JointState,
+    Odometry,
+    ResetRequest,
+    SpeedRequest,
+    StepRequest,
+    Time,
+    Twist,
+)
+from mecazen.runtime.clock import Clock
+from mecazen.runtime.host import Host
 from mecazen.runtime.pace import (
     TICKS_APART,
     Pace,
@@ -22,6 +32,63 @@ from mecazen.runtime.pace import (
 from mecazen.wire import Stamp
 
 TICK_NS = 10_000_000
+ALL = ("physics", "controller", "target", "follower")
+ALONE = ("physics",)
+STATES = (keys.CLOCK, keys.JOINT_STATES, keys.GROUND_TRUTH)
+
+
+class Answer:
+    """A reply that may come later than the request."""
+
+    message = error = None
+
+    def answer(self, message):
+        assert self.message is self.error is None
+        self.message = message
+
+    def refuse(self, reason):
+        assert self.message is self.error is None
+        self.error = reason
+
+
+class Rig:
+    """The clock at the first tick of a run; the test answers its ticks."""
+
+    def __init__(self, services=ALL, begin=True, **sim):
+        sim = SimConfig(**{"mode": "lockstep", "answer_timeout_s": 1e-3, **sim})
+        self.scenario = Scenario(load_robot(), services, seed=3, sim=sim)
+        self.bus = Bus()
+        self.clock = Clock(Host([("physics", "")], self.bus, self.scenario, {"physics": Carts}))
+        self.samples = Listener(self.bus, *STATES)
+        self.health = Listener(self.bus, keys.diagnostics("physics"))
+        for part in services:
+            self.bus.declare_alive(part)
+        if begin:
+            self.clock.begin()
+
+    def answer(self, *parts, stamp=None):
+        """Answer the tick for the controller, the target or both."""
+        for part in parts or ("controller", "target"):
+            topic = keys.JOINT_COMMAND if part == "controller" else keys.TARGET_ODOM
+            message = JointState(velocity=(1.0,)) if part == "controller" else Odometry()
+            self.bus.publisher(topic).put(message, stamp or self.clock.stamp)
+
+    def tick(self, *parts):
+        """Answer the tick for services; return the samples of the next tick."""
+        self.answer(*parts)
+        self.clock.step()
+        return self.samples.take()
+
+    def ask(self, call, request):
+        """Query a key that is answered later."""
+        answer = Answer()
+        self.bus.server(call)(request, answer)
+        return answer
+
+
+def x_of(samples):
+    """Return where the robot is by its last sample [m]."""
+    return samples[-1].message.pose.pose.position.x
 
 
 def values_of(sample):
@@ -30,12 +97,12 @@ def values_of(sample):
 
 def test_each_tick_is_published_and_moved_by_its_answers():
     rig = Rig()
-    samples = rig.take()
+    samples = rig.samples.take()
     for tick in range(3):
         assert [sample.key for sample in samples] == [topic.key for topic in STATES]
         stamp = Stamp(tick * TICK_NS, rig.clock.stamp.run, 3)
         assert {sample.stamp for sample in samples} == {stamp}
-        assert samples[0].message == Clock(clock=Time(nanosec=tick * TICK_NS))
+        assert samples[0].message == m.Clock(clock=Time(nanosec=tick * TICK_NS))
         # at 1 m/s from the first answer on; a sum of ticks, not a product
         assert x_of(samples) == pytest.approx(0.01 * tick, rel=1e-12)
         samples = rig.tick()
@@ -158,61 +225,13 @@ def test_in_real_time_a_tick_ends_when_it_is_due(wall):
     assert rig.clock.missed_deadlines == 0
     for _ in range(2):  # the last command holds
         rig.clock.step()
-    assert x_of(rig.take()) == pytest.approx(0.42)
+    assert x_of(rig.samples.take()) == pytest.approx(0.42)
     assert rig.bus.call(keys.SIM_STATE, Empty()).missed_deadlines == 2
     reset = rig.ask(keys.SIM_RESET, ResetRequest())
     rig.tick("controller")
     assert reset.message.missed_deadlines == 0
     with pytest.raises(BusError, match="as fast as it can"):
         Rig(ALONE).bus.call(keys.SIM_SPEED, SpeedRequest(speed=4.0))
-
-
-def test_a_change_is_published_before_its_tick_and_each_second():
-    rig = Rig(begin=False)
-    for name in ("controller", "target", "follower"):
-        serve_every(rig.bus, name)
-    samples = Listener(rig.bus, keys.PARAMETERS, keys.CLOCK)
-    rig.clock.begin()
-    rig.tick()
-    parameters = (m.Parameter("follower.standoff_m", "2.0"),)
-    change = m.Parameters(parameters=parameters)
-    assert rig.bus.call(keys.SET_PARAMETERS, change).header.stamp == Time(nanosec=2 * TICK_NS)
-    names = m.ParameterNames(("follower.standoff_m",))
-    assert rig.bus.call(keys.GET_PARAMETERS, names).parameters[0].value == "2.0"
-    unknown = m.ParameterNames(("mine.reach_m",))
-    with pytest.raises(BusError, match=r"^sim/get_parameters: mine.reach_m: no such parameter; "):
-        rig.bus.call(keys.GET_PARAMETERS, unknown)
-    wrong = m.Parameters(parameters=(m.Parameter("mine.reach_m", "1"),))
-    with pytest.raises(BusError, match=r"^sim/set_parameters: mine.reach_m: no such parameter; "):
-        rig.bus.call(keys.SET_PARAMETERS, wrong)
-    assert [sample.key for sample in samples.take()] == ["clock"] * 2
-    rig.tick()
-    first, clock = samples.take()
-    assert (first.stamp, first.message.parameters) == (clock.stamp, parameters)
-    for _ in range(99):
-        rig.tick()
-    rig.bus.declare_alive("late")
-    again = [sample for sample in samples.take() if sample.key == "sim/parameters"]
-    assert [sample.message.parameters for sample in again] == [parameters] * 2
-
-
-def test_robots_move_in_their_namespaces_with_one_stamp_per_tick():
-    rig = Rig(("physics", "controller", "target"), "red", "blue")
-    clock = Listener(rig.bus, keys.CLOCK)
-    for name, speed in (("red", 1.0), ("blue", 0.5)):
-        rig.answer(name=name, speed=speed)
-    rig.clock.step()
-    stamp = Stamp(TICK_NS, rig.clock.stamp.run, 3)
-    for name, x in (("red", 0.01), ("blue", 0.005)):
-        samples = rig.take(name)[-3:]
-        assert {sample.stamp for sample in samples} == {stamp}
-        assert x_of(samples) == x
-    assert clock.take()[-1].stamp == stamp
-    red, blue = (call_of_robot(keys.ROBOT_DESCRIPTION, name) for name in ("red", "blue"))
-    assert rig.bus.call(red, Empty()).data == "<robot red>"
-    with pytest.raises(BusError, match=r"^blue/robot_description: shy"):
-        rig.bus.call(blue, Empty())
-    assert list(rig.bus.fetch_files("blue/robot_description/*").values()) == [b"blue"]
 
 
 PATIENCE_S = 0.2

@@ -1,13 +1,12 @@
 """Text of files, of errors, of logs and of others."""
 
-import logging
 import math
 import os
 from pathlib import Path
 
 import pytest
 from harness import error_of
-from mecazen.errors import ConfigError, set_up_log
+from mecazen.errors import ConfigError
 from mecazen.files import open_regular, parse_value, read_text, to_value
 from mecazen.text import printable
 
@@ -50,18 +49,3 @@ def test_a_value_in_toml_is_read_again(value, text):
 def test_received_text_does_not_move_the_cursor():
     assert printable("[/oops] né |") == "[/oops] né |"
     assert printable("a\x1b[2Jb\n\x9bc\u202e") == "a\\u001b[2Jb\\n\\u009bc\\u202e"
-
-
-def test_a_log_line_has_simulated_time_level_and_service(monkeypatch, capsys):
-    root = logging.getLogger()
-    monkeypatch.setattr(root, "handlers", [])
-    monkeypatch.setattr(root, "level", root.level)
-    set_up_log("physics", lambda: 12.34, logging.WARNING)
-    log = logging.getLogger("any")
-    log.info("msg=started")
-    log.warning("msg=%s count=%d", "late", 3)
-    log.error("msg=failed", exc_info=ZeroDivisionError("here"))
-    first, second, *_, last = capsys.readouterr().err.splitlines()
-    assert first == "t=12.340 level=warning service=physics msg=late count=3"
-    assert second == "t=12.340 level=error service=physics msg=failed"
-    assert last == "ZeroDivisionError: here"

@@ -249,25 +249,6 @@ def test_points_walkers_and_shadows_block_a_path():
     assert blocked(np.array([[0.8, 0.0]])) == "the person would be hidden in 0.2 s"
 
 
-def plan(person, path=None, last="open", points=NOTHING):
-    return EVERYWHERE.plan(path or still(0.0, 0.0), situation(points, person), "a wall", last)
-
-
-@pytest.mark.parametrize(
-    ("judged", "state"),
-    [
-        (plan((1.2, 0.0, 0.0)), "avoiding"),
-        (plan((1.7, 0.0, 0.0)), "waiting"),
-        (plan((2.2, 0.0, 0.0), still(0.5, 0.0)), "gave_up_distance"),
-        (plan((1.2, 0.0, 0.0), points=np.array([[0.6, 0.0]])), "gave_up_visibility"),
-        (plan((1.2, 0.0, 0.6), still(0.0, 0.0, 0.6)), "gave_up_bearing"),
-        (plan((1.2, 0.0, 0.0), still(0.0, 0.0, 0.6)), "gave_up_heading"),
-    ],
-)
-def test_a_plan_names_what_it_gives_up(judged, state):
-    assert judged == (state, "a wall")
-
-
 def test_the_trail_leads_round_corners():
     # positions relative to the robot; the person comes from there at 0.4 m/s, upwards
     trail = np.array([(0.1 * k - 0.5, 0.0) for k in range(21)] + [(1.5, 0.1 * k) for k in (1, 5)])

@@ -8,27 +8,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
-import pytest
 from harness import command
 from mecazen_tools.cli import app, sim, talk
 from typer.testing import CliRunner
-
-
-@pytest.mark.parametrize(
-    ("argument", "error"),
-    [
-        ("fly", "error: No such command 'fly'; it needs pip install 'mecazen[wings]'"),
-        ("pubs", "error: No such command 'pubs'; it needs pip install 'mecazen[studies]'"),
-        ("sim", ""),  # which shows its help
-    ],
-)
-def test_a_command_of_an_extra_names_the_extra(argument, error, capsys, monkeypatch):
-    monkeypatch.setattr("sys.argv", ["mecazen", argument])
-    monkeypatch.setattr(app, "EXTRAS", {"wings": {"fly": ""}, "studies": {"pubs": ""}})
-    with pytest.raises(SystemExit) as ended:
-        app.main()
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.rstrip() == error
 
 
 def test_the_clock_receives_what_a_command_asks(monkeypatch):
