@@ -1,15 +1,12 @@
 """A person who stands or walks like a pendulum, for tests that need no recording; and a robot."""
 
 import math
-import tomllib
 
-import msgspec
 import numpy as np
-from harness import ROBOTS
-from mecazen.robot import Robot
+from harness import load_robot
 from mecazen.skeleton import INDEX, JOINTS
 
-NEXUS = msgspec.convert(tomllib.loads((ROBOTS / "nexus.toml").read_text()), Robot)
+NEXUS = load_robot()
 HEIGHT = 1.75
 SIDES = {"left": 1.0, "right": -1.0}
 # Winter's segment lengths (after Drillis & Contini), as shares of the height

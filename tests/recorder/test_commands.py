@@ -21,7 +21,6 @@ from mecazen.urdf import ask_description, build_meshes
 from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
-from mecazen_tools.cli import main
 from mecazen_tools.recorded import inspect
 from recorder.conftest import Net
 from recorder.ticks import odometry, stamp_of, tick
@@ -125,22 +124,7 @@ def test_malformed_samples_are_counted_and_others_recorded_once(net, tmp_path):
     assert [s.key for s in samples(path)] == ["odom", "target/observation"] * 2
 
 
-@pytest.fixture
-def command_error(capsys, monkeypatch):
-    """Run a command in this process; return the one line of its error."""
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["mecazen", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert ended.value.code in (1, 2)
-        (line,) = capsys.readouterr().err.splitlines()
-        return line
-
-    return run
-
-
-def test_wrong_arguments_are_one_line(net, make_recording, command_error, tmp_path):
+def test_wrong_arguments_are_one_line(net, make_recording, tmp_path):
     path, cut = make_recording(), tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes()[:80])  # holds nothing, which must not look like a success
     net.bus.declare_alive("physics")
@@ -150,8 +134,9 @@ def test_wrong_arguments_are_one_line(net, make_recording, command_error, tmp_pa
         (("replay", path, "--robot", "two"), "--through"),
         (("replay", path, "--through", "follower"), "no run with its configuration"),
     ):
-        assert words in command_error(*net.tools, *arguments)
-    assert "no sample in it, and its end is missing" in command_error("info", cut)
+        done = net.run(*arguments)
+        assert_one_line(done, done.returncode, "error: ", words)
+    assert_one_line(here("info", cut), 1, "no sample in it, and its end is missing")
     assert not (tmp_path / "x.mcap").exists()
 
 

@@ -3,27 +3,21 @@
 import math
 
 import pytest
+from harness import here
 from mecazen.geometry import Pose2D
 from mecazen.loading import load_scenario
 from mecazen_people.paths import make_path
-from mecazen_tools.cli import main
 
 
 @pytest.fixture
-def people_import(tmp_path, monkeypatch, capsys):
-    """Import a text in this process; return the scenario or the error."""
+def people_import(tmp_path):
+    """Import a text; return the scenario or the error."""
 
     def run(text, *arguments):
         (tmp_path / "hall.txt").write_text(text)
         file = tmp_path / "out.toml"
-        line = ["mecazen", "people", "import", str(tmp_path / "hall.txt"), "-o", str(file)]
-        monkeypatch.setattr("sys.argv", [*line, *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        if ended.value.code:
-            (problem,) = capsys.readouterr().err.splitlines()
-            return problem
-        return load_scenario(file)
+        done = here("people", "import", tmp_path / "hall.txt", "-o", file, *arguments)
+        return done.stderr if done.returncode else load_scenario(file)
 
     return run
 
@@ -81,4 +75,5 @@ def test_farthest_walk_is_followed(people_import):
     ],
 )
 def test_what_is_wrong_is_one_line(text, arguments, expected, people_import):
-    assert expected in people_import(text, *arguments)
+    (line,) = people_import(text, *arguments).splitlines()
+    assert expected in line
