@@ -59,7 +59,7 @@ def here(
     *arguments: object, folder: Path = ROOT, **variables: str
 ) -> subprocess.CompletedProcess[str]:
     """Run a command to its end as `mecazen` does, but in this process, which has started."""
-    from mecazen_tools.cli import main  # not every environment of a service has it
+    from mecazen_tools.cli.app import main  # not every environment of a service has it
 
     printed = io.BytesIO(), io.BytesIO()
     out, err = (io.TextIOWrapper(buffer, "utf-8", write_through=True) for buffer in printed)

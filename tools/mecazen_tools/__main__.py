@@ -19,7 +19,7 @@ def main() -> None:
         from mecazen_tools.forking import start_server  # noqa: PLC0415
 
         start_server()  # which imports at the same time as this process
-    from mecazen_tools.cli import main as run  # noqa: PLC0415  # takes a second
+    from mecazen_tools.cli.app import main as run  # noqa: PLC0415  # takes a second
     from mecazen_tools.files import WholeWrites  # noqa: PLC0415
 
     if sys.stdout is not None:
