@@ -19,22 +19,6 @@ def run(*words):
     return CliRunner().invoke(app, ["bench", *map(str, words)])
 
 
-def test_rounds_become_medians_with_quartiles_and_are_interleaved():
-    order, reports = [], []
-
-    def benchmark(name):
-        def measure():
-            order.append(name)
-            return {name: {"a": {"place": (float(len(order)), "less")}}}
-
-        return measure
-
-    figures = harness.measure({"a": benchmark("a"), "b": benchmark("b")}, 3, reports.append)
-    assert order == ["a", "b"] * 3
-    assert reports[1] == "b, round 1 of 3"
-    assert figures[0] == Quantity("a", "a", "place", 3.0, 2.0, 4.0, "less")
-
-
 def test_a_run_prints_its_tables_and_writes_its_figures(monkeypatch, tmp_path):
     monkeypatch.setattr(loop, "run", lambda: {"Loop": {"back": {"µs/tick": (80.0, "less")}}})
     file = tmp_path / "new" / "out.csv"

@@ -132,9 +132,3 @@ def test_a_recorded_walk_is_reported_and_exported(tmp_path, capsys):
     assert "run.mcap: File exists" in text
     text = error_of(MecazenError, lambda: run("gait", file, "--run", 7))
     assert "no body in run 7" in text
-
-
-def test_a_recording_without_a_body_is_one_line(tmp_path):
-    file = tmp_path / "back.mcap"
-    run("simulate", "back", "--duration", 1, "--record", file)
-    assert "nothing on skeleton/observation" in error_of(MecazenError, lambda: run("gait", file))

@@ -25,7 +25,6 @@ from mecazen.config.follower import PidControl, PlannerConfig, PolarControl
 from mecazen.geometry import Pose2D, Standoff, Twist2D, wrap
 from mecazen.messages import Header, Time, diagonal_covariance
 from mecazen_follower.planner.costs import DISTANCE_M, JERKY, Costs
-from mecazen_follower.planner.mppi import Prediction, goals_of
 from mecazen_follower.planner.surroundings import MEMORY_S, LocalMap
 from mecazen_follower.search import Search
 from mecazen_follower.sight import ALL_AROUND
@@ -247,19 +246,3 @@ def test_points_walkers_and_shadows_block_a_path():
     assert blocked(walkers=coming) == "a walker crosses the path in 0.5 s"
     assert blocked(walkers=coming[:1].repeat(3, axis=0)) == ""
     assert blocked(np.array([[0.8, 0.0]])) == "the person would be hidden in 0.2 s"
-
-
-def test_the_trail_leads_round_corners():
-    # positions relative to the robot; the person comes from there at 0.4 m/s, upwards
-    trail = np.array([(0.1 * k - 0.5, 0.0) for k in range(21)] + [(1.5, 0.1 * k) for k in (1, 5)])
-    poses = np.tile((1.5, 0.7, math.pi / 2), (4, 1))
-    person = Prediction(poses, np.tile((0.0, 0.4, 0.0), (4, 1)))
-    goals, _ = goals_of(STANDOFF, person, trail)
-    # 1.2 m before the person on the path is (1, 0); the last goal is to stay
-    assert goals.poses[0, :2, -2] == pytest.approx((1.0, 0.0))
-    off = math.remainder(goals.poses[0, 2, -2] - math.atan2(0.7, 0.5), math.tau)
-    assert off == pytest.approx(0.0, abs=1e-9)
-    assert goals.velocities[0, :2, -2] == pytest.approx((0.4, 0.0))
-    assert goals.poses[0, :2, -1] == pytest.approx((0.0, 0.0))
-    # besides the place to keep, which is behind, and two aside
-    assert goals.poses.shape == (4, 3, 5)

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from mecazen.config import HardwareConfig
 from mecazen.wheels import MecanumKinematics, WheelSpeeds
-from mecazen_hardware.board import Identity, Inertial, Voltage, WheelAngles
+from mecazen_hardware.board import Inertial, Voltage, WheelAngles
 from mecazen_hardware.rosmaster_x3 import RosmasterX3, frame
 from mecazen_hardware.wheels import WheelEstimator
 
@@ -83,16 +83,6 @@ def test_other_gears_have_other_counts():
     # the firmware believes in 1320 counts, so it must be asked for more
     asked = twist_of(board.drive(WheelSpeeds(10.0, 10.0, 10.0, 10.0))[0])[0]
     assert asked == pytest.approx(0.325 * 1350 / 1320, abs=5e-4)
-
-
-def test_another_type_of_car_is_a_problem(board):
-    version, car = to_host(0x51, bytes((3, 5))), to_host(0x15, bytes((2, 0)))
-    assert board.feed(version) == []
-    (identity,) = board.feed(car)
-    assert identity.name == "ROSMASTER X3 Plus, firmware 3.5"
-    assert "set to the car X3 Plus" in identity.problem
-    (identity,) = board.feed(to_host(0x15, bytes((1, 0))))
-    assert identity == Identity("ROSMASTER X3, firmware 3.5")
 
 
 @given(st.integers(0, 20), st.binary(min_size=1, max_size=4), st.booleans())

@@ -5,15 +5,13 @@ import signal
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-import msgspec
 import pytest
 from harness import error_of
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from mecazen.errors import MecazenError
-from mecazen.messages import Twist, Vector3
-from mecazen.wire import JSON_ENCODING
+from mecazen.messages import Twist
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
 from recorder.ticks import TICK_NS, stamp_of, tick
@@ -53,19 +51,6 @@ def test_readers_of_ros_bags_read_the_messages(make_recording):
     states = [ros for key, _, ros in decoded if key == "follower/state"]
     assert [ros.tracking for ros in states] == ["waiting"] * len(TICKS)
     assert [time for key, time, _ in decoded if key == "clock"] == [n * TICK_NS for n in TICKS]
-
-
-def test_unknown_keys_are_kept(tmp_path):
-    with closing(RecordingWriter(tmp_path / "raw.mcap")) as writer:
-        writer.write_bytes("my/camera", b"\x00\xff", "image/png", stamp_of(1), TICK_NS)
-        writer.write_bytes("my/camera", b"", "", None, TICK_NS)
-        writer.write("cmd_vel", Twist(linear=Vector3(x=0.3)), stamp_of(3), 3 * TICK_NS)
-    first, second, third = read(tmp_path / "raw.mcap")
-    assert first.as_published() == (b"\x00\xff", "image/png", stamp_of(1).pack())
-    assert second.as_published() == (b"", "", None)
-    payload, encoding, attachment = third.as_published()
-    assert msgspec.json.decode(payload, type=Twist) == Twist(linear=Vector3(x=0.3))
-    assert (encoding, attachment) == (JSON_ENCODING, stamp_of(3).pack())
 
 
 def test_only_ros_topics_are_latched(tmp_path):

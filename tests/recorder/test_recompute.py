@@ -86,18 +86,6 @@ def rewritten(
 TWO = RobotConfig(name="one"), RobotConfig(name="two", start=StartConfig(y_m=1.5))
 
 
-def test_only_named_sections_of_robots_are_read(tmp_path):
-    writer = RecordingWriter(tmp_path / "run.mcap")
-    tables = effective(Scenario(robot=load_robot(), robots=TWO))
-    # a file that was there when it was recorded
-    tables["robots"][1]["target"] = {"path": {"kind": "recorded", "file": "gone.csv"}}
-    writer.write_run(stamp_of(0), tomli_w.dumps(tables))
-    writer.close()
-    recording = Recording(tmp_path / "run.mcap", trusted=True)
-    assert list(recording.samples()) == []
-    assert recording.scenario(7, "follower").names == ("one", "two")
-
-
 @pytest.mark.parametrize(
     ("answer", "field"),
     [

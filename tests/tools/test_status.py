@@ -125,16 +125,6 @@ def test_a_silent_service_is_stale_while_time_passes(sim, age_s, state, monkeypa
     assert (f"stale for {age_s} s" in "\n".join(lines_of(status))) is (state == "stale")
 
 
-def test_services_of_the_scenario_come_first():
-    alive = {"test", "physics", "physics/ready", "controller"}
-    services = status_of({"record": {}}, alive=alive).services
-    states = [(name, service.state) for name, service in services.items()]
-    assert states[:3] == [("physics", "ready"), ("controller", "alive"), ("follower", "gone")]
-    assert states[3:] == [("record", "gone"), ("test", "alive")]
-    assert lines_of(status_of(sim=None))[0] == "physics does not answer"
-    assert lines_of(status_of(sim=None, alive=()))[0] == "nobody simulates"
-
-
 def test_warnings_are_text():
     hostile = "[oops] \x1b[2J\x9b\u202e"
     report = {"warning/slow": hostile, f"hz/{hostile}": "1.0"}
