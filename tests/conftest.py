@@ -66,15 +66,3 @@ def router():
     endpoint = f"tcp/127.0.0.1:{ports.free_port()}"
     with open_session(BusConfig(connect=(endpoint,)), "router"):
         yield endpoint
-
-
-@pytest.fixture
-def attach():
-    """A native viewer without a window: Rerun's `ViewerClient`."""
-    from mecazen_viewer.rerun_process import RerunError, headless_viewer
-
-    try:
-        with headless_viewer(1280, 720) as viewer:
-            yield viewer
-    except RerunError as error:
-        pytest.skip(f"no viewer without a driver for Vulkan (mesa-vulkan-drivers): {error}")

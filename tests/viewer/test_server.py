@@ -25,7 +25,7 @@ from mecazen.runtime.process import observe
 from mecazen.urdf import RobotDescription, serve_description
 from mecazen.wire import Stamp, encode
 from mecazen_tools.cli.view import view
-from mecazen_viewer.rerun_process import RerunError, RerunServer
+from mecazen_viewer.rerun_process import RerunError, RerunServer, headless_viewer
 from mecazen_viewer.service import MEMORY_LIMIT, draw
 from rerun.experimental import ViewerClient, ViewerState
 from viewer.drawing import COVARIANCE, Content, following, odometry
@@ -79,6 +79,16 @@ class Stage:
             for name in self.names:
                 for topic, message in said.items():
                     self.bus.publisher(keys.of_robot(topic, name)).put(message, stamp)
+
+
+@pytest.fixture
+def attach():
+    """A native viewer without a window: Rerun's `ViewerClient`."""
+    try:
+        with headless_viewer(1280, 720) as viewer:
+            yield viewer
+    except RerunError as error:
+        pytest.skip(f"no viewer without a driver for Vulkan (mesa-vulkan-drivers): {error}")
 
 
 def wait(viewer: ViewerClient, recordings: int, end_ns: int) -> ViewerState:
