@@ -46,25 +46,6 @@ def test_compare_shows_ratios_and_ends_with_1_where_something_became_worse(tmp_p
         harness.compare([figure(1.0)], [])
 
 
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
-        (None, "No such file or directory"),
-        (b"\xff\xfe", "no results of mecazen bench"),
-        (b"table,row\na,b\n", "no results of mecazen bench: Object missing required field"),
-        (b"table,row,column,value,low,high,goal\na,b,c,much,1,1,less\n", "no results of mec"),
-    ],
-)
-def test_a_bad_file_is_refused_in_one_line(content, reason, tmp_path):
-    path = tmp_path / "a.csv"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(ResultsError, match=reason) as refused:
-        harness.read(path)
-    assert str(path) in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
 def values(rows):
     """Return the values of a table by row and column; all are finite."""
     table = {

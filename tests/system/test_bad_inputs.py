@@ -71,7 +71,9 @@ BAD = [
     (("teleop",), ("terminal", "mecazen pub")),
     (("teleop", "--speed", "-1"), ("--speed", "0.01")),
     (("pub", "cmd_vel", "{}", "--duration", "1"), ("--duration", "--rate")),
-    # recordings
+    # figures and recordings
+    (("bench", "compare", "none.csv", "none.csv"), ("none.csv", "No such file")),
+    (("bench", "compare", "README.md", "README.md"), ("README.md", "no results of mecazen bench")),
     (("plot", "/dev/null"), ("/dev/null", "regular file")),
     (("score", "none.mcap"), ("none.mcap", "No such file")),
     (("people", "import", "none.txt"), ("none.txt", "No such file")),
