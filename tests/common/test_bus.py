@@ -98,6 +98,7 @@ def test_files_are_fetched_by_key_and_by_expression(pair):
         "meshes/wheel.stl": ["meshes/wheel.stl"],
         "meshes/*": ["meshes/wheel.stl", "meshes/roller.stl"],
         "**": list(files),
+        "*/**": list(files),
         "meshes/none.stl": [],
     }
     pair.link()

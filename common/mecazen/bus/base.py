@@ -186,7 +186,12 @@ class Bus:
     def fetch_files(self, selector: str, timeout_s: float = 10.0) -> dict[str, bytes]:
         """Return the served files that a key expression selects, by key."""
         del timeout_s
-        return {key: data for key, data in self._files.items() if fnmatchcase(key, selector)}
+        # a last ** includes no further part as well, as it does in Zenoh
+        return {
+            key: data
+            for key, data in self._files.items()
+            if fnmatchcase(key, selector) or fnmatchcase(f"{key}/", selector)
+        }
 
     def call(
         self, call: Call[RequestT, AnswerT], request: RequestT, timeout_s: float = 10.0
