@@ -124,7 +124,7 @@ def test_an_interval_is_that_of_student():
     # n = 2: tan(0.475 pi) = 12.706 times the half distance of the values, 0.5
     interval = mean_interval([1.0, 2.0])
     assert (interval.low, interval.high) == pytest.approx((1.5 - 6.353, 1.5 + 6.353), abs=1e-3)
-    assert interval.values == pytest.approx((1.0, 2.0), abs=1e-12)  # a few roundings
+    assert interval.ends == pytest.approx((1.0, 2.0), abs=1e-12)  # a few roundings
     # n = 5: 2.776 (table of Student's distribution) times the deviation sqrt(2.5) / sqrt(5)
     interval = mean_interval([1.0, 2.0, 3.0, 4.0, 5.0])
     half = 2.776 * math.sqrt(2.5 / 5.0)
