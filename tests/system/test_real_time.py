@@ -82,9 +82,14 @@ def test_in_real_time_each_robot_follows_its_own_person_and_obeys_its_own_comman
     )
     running.start()
     running.wait(lambda: all(of.message and of.pose.x > 1.0 for of in persons.values()))
-    for name, person in persons.items():
-        # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off
-        assert robots[name].pose.distance(person.pose) == pytest.approx(1.0, abs=0.1)
+    # 0.1 m is twice the noise of a single observation; a robot left behind is 1 m off for good, and
+    # one on a busy machine for a moment
+    running.wait(
+        lambda: all(
+            abs(robots[name].pose.distance(person.pose) - 1.0) < 0.1
+            for name, person in persons.items()
+        )
+    )
     assert running.call(keys.SIM_RESET, ResetRequest(seed=9)).seed == 9
     running.wait(lambda: all(of.stamp.seed == 9 for of in (*robots.values(), *persons.values())))
     with closing(ZenohBus(running.scenario.bus, "client")) as tool:
