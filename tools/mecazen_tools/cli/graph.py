@@ -62,8 +62,8 @@ def topic_rows(graph: Graph, renamed: Mapping[str, str] = MappingProxyType({})) 
             source, rate = "anyone", "any"
             if node:
                 source = f"{node.part_of} or anyone" if topic.open else node.part_of
-                number = graph.rate(topic.key) or "tick"
-                rate = number if isinstance(number, str) else f"{number:g} Hz"
+                declared = graph.rate(topic.key) or "tick"
+                rate = declared if isinstance(declared, str) else f"{declared:g} Hz"
             key = renamed.get(topic.key, topic.key)
             yield key, topic.type.ROS_TYPE, rate, source, topic.meaning
     yield DIAGNOSTICS.key, DIAGNOSTICS.type.ROS_TYPE, "1 Hz", "each service", DIAGNOSTICS.meaning

@@ -123,7 +123,7 @@ def up(
     except KeyboardInterrupt:
         pass
     finally:
-        with suppress(OSError):  # all processes end, also if nobody reads any more
+        with suppress(OSError):  # all processes end even if the output is closed
             if interrupted.is_set():
                 console.print("stopping …")
         for name in supervisor.stop():
