@@ -117,7 +117,10 @@ def decode(payload: bytes, kind: type[MessageT], encoding: str = "") -> MessageT
             return cast(MessageT, _cdr_decoder()(payload, kind))
         return cast(MessageT, _decoded(payload.removeprefix(BOM_UTF8), kind))
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise RefusedError(f"not a {kind.ROS_TYPE}: {error}") from None
+        problem = str(error)
+        if "unknown field" in problem and " - at " not in problem:  # a field of the message itself
+            problem += f"; allowed: {', '.join(kind.__struct_fields__)}"
+        raise RefusedError(f"not a {kind.ROS_TYPE}: {problem}") from None
 
 
 def _decoded(payload: bytes, kind: type[Message]) -> Message:
