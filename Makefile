@@ -62,7 +62,7 @@ DRAWING := libvulkan1 mesa-vulkan-drivers chromium
 GAZEBO := g++ pkg-config libignition-physics-dev
 GAZEBO_MODULES := ignition-physics5-sdf ignition-physics5-mesh ignition-plugin1-loader ignition-common4-graphics ignition-math6-eigen3
 
-.PHONY: docs results results-check help install develop graph gazebo bench-peers drawing pictures run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-ros test-pythons test-lowest test-chaos test-compose test-dist dist soak
+.PHONY: docs results results-check help install develop graph gazebo bench-peers drawing pictures run notebook test lint format bench clean $(SERVICES:%=test-%) test-common test-people test-tools test-gym test-experiments test-bench test-system test-documents test-ros test-pythons test-lowest test-chaos test-compose test-dist dist soak
 
 help:
 	@echo "make run          the back-view scenario in real time (SCENARIO=side, …)"
@@ -163,7 +163,7 @@ notebook: .venv/developer
 
 # tests wait for clocks, packages and processes: three jobs keep two cores busy, the longest first
 test:
-	@$(MAKE) -j3 -Otarget test-system test-experiments test-common test-people test-tools test-gym \
+	@$(MAKE) -j3 -Otarget test-system test-documents test-experiments test-common test-people test-tools test-gym \
 		$(SERVICES:%=test-%) test-bench test-ros test-dist docs
 
 $(BASE:%=test-%): test-%: .venv-base/ready
@@ -184,7 +184,10 @@ test-experiments test-bench test-ros test-dist: test-%: .venv/developer
 # the longest: a prerequisite that runs would let all others begin before it
 test-system: .venv/developer
 	@$(MAKE) -s drawing
-	.venv/bin/python -m pytest tests/system
+	.venv/bin/python -m pytest tests/system --ignore tests/system/documents
+
+test-documents: .venv/developer
+	.venv/bin/python -m pytest tests/system/documents
 
 # warnings of old versions are their own
 test-lowest: .venv-lowest/ready
