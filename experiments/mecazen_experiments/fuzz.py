@@ -1,4 +1,4 @@
-"""The program `fuzz`: a minute of a guarded robot among obstacles, with a person who walks at it.
+"""The program `fuzz`: a minute of a robot among obstacles, with a person who walks at it.
 
 The seed draws the room, the commands and the person's walk. `set` of a study has the options of
 `Options`; all other settings are those of the scenario.
@@ -133,14 +133,13 @@ def room(seed: int, chance: np.random.Generator, settings: Mapping[str, Any]) ->
 
 
 class Rider:
-    """Commands the person, and the robot if there is no follower, by chance."""
+    """Commands the person and the robot by chance."""
 
     def __init__(self, chance: np.random.Generator, scenario: Scenario, options: Options) -> None:
         self._chance, self._options = chance, options
         self._solids = [_rectangle(solid) for solid in scenario.world.obstacles]
         self._clear_m = CLEAR_M + scenario.world.person.radius_m
         self._tick_s = scenario.sim.tick_s
-        self._drives = "follower" not in scenario.services
         self._command, self._command_until, self._at_person = Twist2D(), 0, False
         self._walk, self._walk_until, self._at_robot = Twist2D(), 0, False
         self._speed = 0.0
@@ -153,7 +152,7 @@ class Rider:
             samples[topic.key][-1].pose.pose.to_planar() for topic in (GROUND_TRUTH, TARGET_ODOM)
         )
         commands = {}
-        if tick % COMMAND_TICKS == 0 and self._drives:
+        if tick % COMMAND_TICKS == 0:
             commands[CMD_VEL.key] = encode(m.Twist.planar(self.command(tick, robot, person)))
         walk = encode(m.Twist.planar(self.walk(tick, robot, person)))
         return commands | {TARGET_CMD_VEL.key: walk}

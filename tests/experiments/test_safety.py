@@ -132,7 +132,7 @@ def test_three_frames_of_four_show_the_person():
     [
         ("safety", ["driver=guard"], 12 * 4),
         ("unpromised", ["driver=guard"], 3 * 2),
-        ("fuzz", [], 2 * 5),
+        ("fuzz", [], 2 * 4),
     ],
 )
 def test_each_row_can_be_loaded_and_shown(name, only, rows):
