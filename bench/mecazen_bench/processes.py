@@ -83,6 +83,6 @@ def spent_s(process: psutil.Process) -> float:
 
 
 def set_priority() -> None:
-    """Set the real-time priority of the services; see `mecazen.runtime`."""
+    """Set the real-time priority of the services; see `mecazen.runtime.process`."""
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))

@@ -1,4 +1,4 @@
-"""The program `fuzz`: a minute of a robot among obstacles, with a person who walks at it.
+"""The program `fuzz`: a minute of a robot among obstacles, with a person who comes near.
 
 The seed draws the room, the commands and the person's walk. `set` of a study has the options of
 `Options`; all other settings are those of the scenario.

@@ -27,7 +27,7 @@ MIN_PATH_M = 0.1
 
 
 Measures = dict[str, float | None]
-"""Measures of a run by their names in docs/experiments.md; None if there is nothing to measure."""
+"""Measures of a run by name, as in docs/experiments.md; None if there is nothing to measure."""
 
 
 def following(job: Job) -> dict[str, float | str | None]:

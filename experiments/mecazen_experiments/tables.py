@@ -27,9 +27,7 @@ REDUCTIONS: dict[str, Callable[[list[float]], float]] = {
     "p90": lambda values: float(np.percentile(values, 90.0)),
     "max": max,
 }
-CAPTION = (
-    "Means, each with its 95 % interval over the n independent units; of two units, both values."
-)
+CAPTION = "Means with 95 % intervals over the n independent units; for two units, both values."
 VERDICT = f"✓ and ✗ from {LEAST_UNITS} units on: the whole interval is within the limit, or not."
 
 

@@ -264,7 +264,7 @@ class Reactive(Section, kw_only=True):
 
 
 class CrowdConfig(Section):
-    """All pedestrians besides the persons that robots follow."""
+    """All pedestrians except those whom robots follow."""
 
     walkers: tuple[Walker, ...] = ()
     reactive: Reactive | None = None

@@ -49,7 +49,7 @@ LIVELINESS = "mecazen"
 
 
 class RobotConfig(Section):
-    """One of several robots; a setting that is left out is that of the scenario."""
+    """One of several robots; the scenario has the settings that it leaves out."""
 
     name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
     """Name of the robot, and its namespace within that of the run."""

@@ -129,7 +129,7 @@ def topics(
     context: typer.Context,
     scenario: Annotated[
         str | None,
-        Argument(metavar="[SCENARIO]", help="Whose nodes, with their own topics as well."),
+        Argument(metavar="[SCENARIO]", help="Scenario whose nodes and topics are shown."),
     ] = None,
     live: Annotated[
         bool, Option("--live", help=f"Measure rates for {LIVE_S:g} s, and list the publishers.")

@@ -56,7 +56,7 @@ Topics = Annotated[
     Option(
         "--topics",
         metavar="KEY=TOPIC,…",
-        help="In recordings of others: which topic each key is, as joint_states=/robot/joints; "
+        help="In recordings of other programs: each key's topic, as joint_states=/robot/joints; "
         "/tf:FRAME is a frame's pose. In CSV: KEY=PREFIX of its columns.",
     ),
 ]

@@ -67,7 +67,7 @@ class Estimator(ABC):
         """Correct the estimate with an observed pose in odom and its 3x3 covariance.
 
         Both are finite, and the covariance is symmetric and positive semidefinite: see
-        `association.check`.
+        `measurement.check`.
         """
         self._observe(observation, self.noise(covariance))
 

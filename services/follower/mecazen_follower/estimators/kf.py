@@ -113,7 +113,7 @@ def _kalman(state: Array, covariance: Array, H: Array) -> Any:
     Its arrays hold Python's floats: NumPy multiplies such arrays without BLAS, whose results depend
     on the processor.
     """
-    # imported late: the import takes a second, and every process reads the follower's configuration
+    # imported late: the import takes a second, and only this filter needs it
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415
 
     kf = KalmanFilter(dim_x=len(state), dim_z=len(H))
