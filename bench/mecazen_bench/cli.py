@@ -27,7 +27,7 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="BENCHMARK",
-            help=f"Measure one of {', '.join(BENCHMARKS)}; may be given several times.",
+            help=f"Measure one of {', '.join(BENCHMARKS)}. Repeatable.",
             show_default="all",
         ),
     ] = None,
@@ -35,11 +35,13 @@ def run(
     csv: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Write all figures here, for `compare`.", show_default="none"
+            metavar="FILE",
+            help="Write all figures to this file, for `compare`.",
+            show_default="none",
         ),
     ] = None,
 ) -> None:
-    """Measure in rounds of interleaved benchmarks; print and write medians and quartiles.
+    """Run benchmarks in interleaved rounds; print and write medians and quartiles.
 
     Examples: mecazen bench run --csv before.csv · mecazen bench run --only physics --only loop
     """
@@ -63,10 +65,10 @@ def run(
 
 @app.command()
 def compare(before: File, after: File) -> None:
-    """Show each figure of two results, their ratio, and which became worse or better.
+    """Show figures of two results with their ratios, and mark worse and better ones.
 
-    A figure counts as worse or better where its medians differ by more than the sum of both
-    interquartile ranges. The exit code is 1 where a figure became worse.
+    A figure is worse or better if its medians differ by more than the sum of both
+    interquartile ranges. The exit code is 1 if any figure is worse.
 
     Example: mecazen bench compare before.csv after.csv
     """

@@ -41,8 +41,8 @@ def run(
         list[str] | None,
         Option(
             metavar="AXIS=NAME",
-            help="One case or another choice of the study, as case='hard stop' or view=back. "
-            "Repeatable.",
+            help="Run only one case or other choice of the study, e.g. case='hard stop' or "
+            "view=back. Repeatable.",
             show_default="all",
         ),
     ] = None,
@@ -50,7 +50,7 @@ def run(
         Path | None,
         Option(
             metavar="FOLDER",
-            help="Run cases of a recorded walk with each CSV in this folder.",
+            help="Run cases of a recorded walk with each CSV file of this folder.",
             show_default=False,
         ),
     ] = None,
@@ -66,18 +66,20 @@ def run(
             show_default=False,
         ),
     ] = None,
-    store: Annotated[Path, Option(metavar="FILE", help="Where results are kept; SQLite.")] = Path(
+    store: Annotated[Path, Option(metavar="FILE", help="SQLite file of the results.")] = Path(
         "experiments.sqlite"
     ),
     csv: Annotated[
-        Path | None, Option(metavar="FILE", help="Write the runs, a row each.", show_default=False)
+        Path | None, Option(metavar="FILE", help="Write a row per run.", show_default=False)
     ] = None,
     figures: Annotated[
         Path | None,
-        Option(metavar="FOLDER", help="Draw the study's figures there.", show_default="none"),
+        Option(
+            metavar="FOLDER", help="Draw the study's figures in this folder.", show_default="none"
+        ),
     ] = None,
 ) -> None:
-    """Run the cases of a study, each with many seeds, and show its tables.
+    """Run the cases of a study, each with many seeds, and show the tables.
 
     Finished runs are kept: after Ctrl-C the same command continues from there.
 

@@ -13,16 +13,19 @@ def gait(
     file: RecordingFile,
     run: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Which run; see mecazen info.", show_default="the last"),
+        typer.Option(
+            metavar="N", help="Number of the run; see mecazen info.", show_default="the last"
+        ),
     ] = None,
     robot: Annotated[
-        str, typer.Option(metavar="NAME", help="The robot, of several.", show_default=False)
+        str,
+        typer.Option(metavar="NAME", help="The robot, if there are several.", show_default=False),
     ] = "",
     export: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Write TRC, CSV and JSON files there, and C3D with the extra c3d.",
+            help="Write TRC, CSV and JSON files to this folder, and C3D with the extra c3d.",
             show_default="none",
         ),
     ] = None,

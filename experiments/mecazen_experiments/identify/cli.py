@@ -26,7 +26,7 @@ def identify(
     robot: Annotated[
         str, Option(metavar="ROBOT", help="The robot file from which a fit begins.")
     ] = "nexus",
-    out: Annotated[Path, Option(metavar="FOLDER", help="Where report and robot file go.")] = Path(
+    out: Annotated[Path, Option(metavar="FOLDER", help="Folder for report and robot file.")] = Path(
         "identified"
     ),
     topics: Topics = "",
@@ -35,15 +35,16 @@ def identify(
         bool,
         Option(
             "--validate",
-            help="Fit to every second session, and report the drift on all others.",
+            help="Fit to every second session, and report the drift on the other sessions.",
         ),
     ] = False,
 ) -> None:
     """Identify a robot's kinematics and motors; write a report and a robot file.
 
-    Recordings have joint_states, ground_truth/odom and joint_command. A CSV file has the columns
-    time_s, x_m, y_m, yaw_rad of the reference, and front_left_rad, front_right_rad, rear_left_rad,
-    rear_right_rad, the angles of the wheels; docs/recording.md has other units.
+    Recordings need joint_states and ground_truth/odom, and joint_command for the motors. A CSV
+    file needs the reference (columns time_s, x_m, y_m, yaw_rad) and the angles of the wheels
+    (front_left_rad, front_right_rad, rear_left_rad, rear_right_rad). docs/recording.md lists other
+    units.
 
     With --validate, models and the full simulation are compared by their drift from the reference.
 

@@ -59,9 +59,10 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="mecazen: a mecanum robot follows a person. Services over Zenoh, real rollers, one result."
+    help="mecazen simulates a mecanum robot with all rollers, which follows a person. Services "
+    "over Zenoh give the same result as one process."
     "\n\nStart with [bold]mecazen up back[/], or [bold]mecazen simulate back[/]; "
-    "[bold]mecazen scenarios[/] lists what else there is.",
+    "[bold]mecazen scenarios[/] lists all scenarios.",
 )
 certificates_app = typer.Typer(
     no_args_is_help=True, help="Certificates, for TLS and access control."
@@ -104,7 +105,7 @@ def connect_to(
         Path | None,
         Option(
             metavar="DIR",
-            help="A folder of `mecazen keys create`: connect by TLS, as the operator.",
+            help="Connect by TLS as the operator, with a folder of `mecazen keys create`.",
         ),
     ] = None,
     version: Annotated[
@@ -138,7 +139,7 @@ def run(
         ),
     ],
     scenario: ScenarioArgument,
-    robot: Annotated[str, Option(metavar="NAME", help="The robot, of several.")] = "",
+    robot: Annotated[str, Option(metavar="NAME", help="The robot, if there are several.")] = "",
     settings: Settings = None,
 ) -> None:
     """Run one process in this terminal, until Ctrl-C.
@@ -154,15 +155,15 @@ def run(
 
 @app.command()
 def config(scenario: ScenarioArgument, settings: Settings = None) -> None:
-    """Print the whole effective configuration of a scenario, as TOML that loads again."""
+    """Print the whole effective configuration of a scenario, as TOML that can be loaded."""
     typer.echo(to_toml(load(scenario, settings)), nl=False)
 
 
 @certificates_app.command()
 def create(
-    folder: Annotated[
-        Path, Argument(metavar="DIR", help="A new folder; keep it to yourself.")
-    ] = Path("keys"),
+    folder: Annotated[Path, Argument(metavar="DIR", help="A new folder; keep it secret.")] = Path(
+        "keys"
+    ),
     host: Annotated[
         list[str] | None,
         Option(
@@ -173,7 +174,7 @@ def create(
 ) -> None:
     """Create a certificate authority, and a certificate and a key for each service.
 
-    The operator's are for the tools: `mecazen --tls DIR`.
+    Tools use the operator's certificate and key: `mecazen --tls DIR`.
 
     Examples: mecazen keys create · mecazen keys create keys --host robot.local --host 192.168.1.7
     """

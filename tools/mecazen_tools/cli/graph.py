@@ -93,11 +93,14 @@ def in_hz(rate: str | float, scenario: Any) -> str:
 
 def graph(
     scenario: Annotated[
-        str | None, Argument(metavar="[SCENARIO]", help="Its nodes; left out, all that there are.")
+        str | None,
+        Argument(
+            metavar="[SCENARIO]", help="Scenario whose nodes are shown; without it, all nodes."
+        ),
     ] = None,
     settings: Settings = None,
 ) -> None:
-    """Show the nodes in the order in which they run: what they take and give, and their processes.
+    """Show nodes in the order in which they run, with inputs, outputs and processes.
 
     Example: mecazen graph back
     """
@@ -135,7 +138,7 @@ def topics(
         bool, Option("--live", help=f"Measure rates for {LIVE_S:g} s, and list the publishers.")
     ] = False,
 ) -> None:
-    """Show the table of keys: message, rate, who publishes, and what answers queries."""
+    """Show the table of keys: message, rate, publisher, and the services that answer queries."""
     loaded = DEFAULTS if scenario is None else load(scenario, None)
     nodes = Graph(GRAPH) if scenario is None else graph_of(loaded)
     renamed = {} if scenario is None else loaded.of(loaded.names[0]).renamed

@@ -25,13 +25,13 @@ LINK = Path("/tmp/mecazen-board")  # noqa: S108  # our own name, whose owner is 
 LISTEN_S = 1.0
 
 BoardOption = Annotated[
-    str, typer.Option(metavar="BOARD", help="rosmaster_x3, or your own as file.py:Class.")
+    str, typer.Option(metavar="BOARD", help="rosmaster_x3, or your own class as file.py:Class.")
 ]
 PortOption = Annotated[
     str | None,
-    typer.Option(metavar="PORT", help="Its port.", show_default="the first USB adapter"),
+    typer.Option(metavar="PORT", help="The board's port.", show_default="the first USB adapter"),
 ]
-RobotOption = Annotated[str, typer.Option(metavar="ROBOT", help="Its robot file.")]
+RobotOption = Annotated[str, typer.Option(metavar="ROBOT", help="The robot file.")]
 
 
 @app.command()
@@ -69,7 +69,7 @@ def check(
         bool, typer.Option("--yes", help="Ask nothing: the wheels are off the ground.")
     ] = False,
 ) -> None:
-    """Turn each wheel in turn, with the robot on blocks: motor, direction, sign of its encoder.
+    """With the robot on blocks, turn one wheel at a time: check motor, direction, encoder sign.
 
     Example: mecazen hardware check --port /dev/ttyUSB0
     """
@@ -94,11 +94,11 @@ def emulate(
         str,
         typer.Argument(
             metavar="SCENARIO",
-            help="Start, ground and obstacles: the name of a scenario, or a TOML file.",
+            help="Scenario with start, ground and obstacles: a name or a TOML file.",
         ),
     ] = "teleop",
     link: Annotated[
-        Path, typer.Option(metavar="PATH", help="Name of its port: a link to a pseudo-terminal.")
+        Path, typer.Option(metavar="PATH", help="Path of the port: a link to a pseudo-terminal.")
     ] = LINK,
     settings: Annotated[
         list[str] | None,
@@ -107,7 +107,7 @@ def emulate(
         ),
     ] = None,
 ) -> None:
-    """Be the board of a ROSMASTER X3 on a pseudo-terminal, in front of physics, in real time.
+    """Emulate a ROSMASTER X3's board on a pseudo-terminal, with simulated physics, in real time.
 
     Example: mecazen hardware emulate
     """

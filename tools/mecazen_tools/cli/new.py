@@ -41,7 +41,7 @@ def new(
     kind: Annotated[Kind, Argument(help="The kind of file.")],
     name: Annotated[str, Argument(help="Its name, such as lead or my_robot.")],
 ) -> None:
-    """Write a small file that runs, to change it: a follower, sensor, robot, process or study.
+    """Write a small working file to start from: a follower, sensor, robot, process or study.
 
     Examples: mecazen new follower my_follower · mecazen new study gains
     """
@@ -60,7 +60,7 @@ def new(
 
 
 def scenarios() -> None:
-    """List the scenarios that have a name, each with what happens in it.
+    """List the named scenarios, and what happens in each.
 
     Example: mecazen scenarios
     """

@@ -38,8 +38,8 @@ Settings = Annotated[
         "--set",
         metavar="KEY=VALUE",
         envvar=SETTINGS_VARIABLE,
-        help="Override one setting, e.g. physics.dt_s=0.002; the value as in TOML, a bare word "
-        "is a string. Repeatable.",
+        help="Override one setting, e.g. physics.dt_s=0.002; values are TOML, bare words are "
+        "strings. Repeatable.",
     ),
 ]
 Duration = Annotated[
@@ -56,8 +56,8 @@ Topics = Annotated[
     Option(
         "--topics",
         metavar="KEY=TOPIC,…",
-        help="In recordings of other programs: each key's topic, as joint_states=/robot/joints; "
-        "/tf:FRAME is a frame's pose. In CSV: KEY=PREFIX of its columns.",
+        help="In recordings of other programs: each key's topic, e.g. joint_states=/robot/joints; "
+        "/tf:FRAME is a frame's pose. In CSV: KEY=PREFIX of the key's columns.",
     ),
 ]
 RecordedScenario = Annotated[

@@ -48,19 +48,19 @@ def import_(
         Path | None,
         output(
             "The scenario to write; the tracks are written to a folder beside it.",
-            "its name, with .toml",
+            "FILE's name, with .toml",
         ),
     ] = None,
     sample: Annotated[
         float,
         Option(
             metavar="SECONDS",
-            help="Time between annotated frames, for files with frames in place of times.",
+            help="Time between annotated frames, for files with frames instead of times.",
             min=0.001,
         ),
     ] = 0.4,
 ) -> None:
-    """Write a scenario of recorded people: the robot follows one, all others are the crowd.
+    """Write a scenario of recorded people: the robot follows one person, the others are the crowd.
 
     Examples: mecazen people import obsmat.txt --target 171 ·
     mecazen people import hall.csv -o hall.toml

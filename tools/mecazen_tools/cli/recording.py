@@ -39,7 +39,7 @@ RecordingFiles = Annotated[list[Path], typer.Argument(metavar="FILE...", help="R
 RunNumber = Annotated[
     int | None,
     typer.Option(
-        "--run", metavar="N", help="Which run; see mecazen info.", show_default="the last"
+        "--run", metavar="N", help="Number of the run; see mecazen info.", show_default="the last"
     ),
 ]
 
@@ -55,10 +55,10 @@ def record(
         ),
     ] = None,
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.mcap", help="Where to; a new file.")
+        Path, typer.Option("-o", "--output", metavar="FILE.mcap", help="A new file.")
     ] = Path("run.mcap"),
 ) -> None:
-    """Record what is published, in MCAP, until Ctrl-C.
+    """Record published samples in MCAP, until Ctrl-C.
 
     Rerun, Foxglove, PlotJuggler and ros2 bag read the file. Times are simulated times. After a
     crash all but the last half second can be read.
@@ -104,26 +104,29 @@ def replay(
     ] = 0.0,
     end_s: Annotated[
         float | None,
-        typer.Option("--to", metavar="S", min=0, help="Last one.", show_default="the end"),
+        typer.Option(
+            "--to", metavar="S", min=0, help="Last simulated second.", show_default="the end"
+        ),
     ] = None,
     through: Annotated[
         str | None,
         typer.Option(
             metavar="SERVICE",
             help="Publish nothing: feed a service (or file.py:Class) with its recorded inputs, and "
-            "compare its outputs with the recording. Ends with 1 at the first difference.",
+            "compare its outputs with the recording. Ends at the first difference, with exit code "
+            "1.",
         ),
     ] = None,
     robot: Annotated[
         str,
-        typer.Option(metavar="NAME", help="With --through: of several robots, whose."),
+        typer.Option(metavar="NAME", help="With --through: the robot, if there are several."),
     ] = "",
     trust: Annotated[
         bool,
         typer.Option(
             "--trust",
-            help="With --through: run the programs that the recording names, which are code, and "
-            "open its files.",
+            help="With --through: run the programs and open the files that the recording names. "
+            "Programs are code.",
         ),
     ] = False,
     topics: Topics = "",
@@ -244,7 +247,7 @@ def score(
     """Score recorded runs as mecazen simulate does, whichever program drove.
 
     The recording needs the true poses, ground_truth/odom and target/odom. The standoff is that of
-    its configuration.
+    the recorded configuration.
 
     Examples: mecazen score run.mcap · mecazen score first.mcap second.mcap --json
     """
@@ -260,15 +263,15 @@ def score(
 def plot(
     files: RecordingFiles,
     output: Annotated[
-        Path | None, output("Where to: PNG, SVG or PDF.", "FILE.png beside the first recording")
+        Path | None, output("The picture: PNG, SVG or PDF.", "FILE.png beside the first recording")
     ] = None,
     run: RunNumber = None,
     topics: Topics = "",
     scenario: RecordedScenario = None,
 ) -> None:
-    """Draw recorded runs: seen from above, their errors and their velocities over time.
+    """Draw recorded runs from above, and their errors and velocities over time.
 
-    Several recordings are drawn over each other, with the obstacles of the first.
+    Several recordings are drawn over each other, with the obstacles of the first one.
 
     Examples: mecazen plot run.mcap · mecazen plot first.mcap second.mcap -o both.pdf
     """

@@ -34,7 +34,7 @@ def import_(
         ),
     ] = None,
     output: Annotated[
-        Path | None, output("The robot file to write.", "its name, with .toml")
+        Path | None, output("The robot file to write.", "the robot's name, with .toml")
     ] = None,
     arguments: Annotated[
         list[str] | None,
@@ -82,10 +82,10 @@ def show(
         Argument(metavar="ROBOT", help="A robot file, or its name in configs/robots."),
     ],
     output: Annotated[
-        Path | None, output("The picture: .png, .svg or .pdf.", "its name, with .png")
+        Path | None, output("The picture: .png, .svg or .pdf.", "the robot's name, with .png")
     ] = None,
 ) -> None:
-    """Draw a robot with its dimensions, drive it four ways, and compare with the formulas.
+    """Draw a robot with its dimensions, and compare its speeds in four drives with formulas.
 
     Example: mecazen robot show my_robot.toml
     """

@@ -57,13 +57,13 @@ def _show_state(
 
 @app.command()
 def pause(context: typer.Context) -> None:
-    """Hold simulated time."""
+    """Pause simulated time."""
     _show_state(context, keys.SIM_PAUSE, Empty())
 
 
 @app.command()
 def resume(context: typer.Context) -> None:
-    """Let simulated time go on."""
+    """Continue simulated time."""
     _show_state(context, keys.SIM_RESUME, Empty())
 
 
@@ -83,7 +83,7 @@ def reset(
         int | None, Option(min=0, max=2**32 - 1, help="A new seed.", show_default="the old one")
     ] = None,
 ) -> None:
-    """Put robot, person and time back to the start, in place."""
+    """Return robot, person and time to the start; processes continue."""
     _show_state(context, keys.SIM_RESET, ResetRequest(seed=seed))
 
 
@@ -100,7 +100,7 @@ def speed(
 
 @app.command()
 def state(context: typer.Context) -> None:
-    """Print what simulated time does."""
+    """Print the state of simulated time."""
     _show_state(context, keys.SIM_STATE, Empty())
 
 
@@ -122,7 +122,7 @@ def list_(
     ] = "",
     as_json: Annotated[bool, Option("--json", help="Print the answer as JSON.")] = False,
 ) -> None:
-    """Show what can be changed: value, unit, and what is allowed.
+    """Show settings that can be changed: value, unit and allowed values.
 
     Examples: mecazen param list · mecazen param list controller.limits.x
     """
@@ -148,7 +148,7 @@ def get(
     context: typer.Context,
     names: Annotated[list[str], Argument(metavar="NAME...", help="E.g. follower.standoff_m.")],
 ) -> None:
-    """Print values, as --set takes them.
+    """Print settings in the format of --set.
 
     Example: mecazen param get follower.standoff_m
     """
@@ -164,8 +164,8 @@ def set_(
         list[str],
         Argument(
             metavar="NAME=VALUE...",
-            help="A parameter and its value as --set takes them; an empty value leaves it out. "
-            "Several are changed together, or none of them.",
+            help="A setting and its value, as in --set; an empty value removes the setting. "
+            "All are changed, or none.",
         ),
     ],
 ) -> None:
@@ -197,19 +197,21 @@ def add(
     kind: Literal["box", "person"],
     name: Annotated[str, Argument(metavar="NAME", help="A new name, e.g. crate.")],
     at: Annotated[
-        tuple[float, float], Option("--at", metavar="X Y", help="Its place in the world in metres.")
+        tuple[float, float], Option("--at", metavar="X Y", help="Place in the world in metres.")
     ],
-    yaw: Annotated[float, Option(metavar="DEG", help="Its heading in the world.")] = 0.0,
+    yaw: Annotated[float, Option(metavar="DEG", help="Heading in the world.")] = 0.0,
     size: Annotated[
         tuple[float, float, float],
         Option(metavar="X Y Z", help="Length, width and height of a box in metres."),
     ] = (0.5, 0.5, 0.5),
     settings: Annotated[
         list[str] | None,
-        Option("--set", metavar="KEY=VALUE", help="E.g. a person's path.kind. Repeatable."),
+        Option(
+            "--set", metavar="KEY=VALUE", help="A setting, e.g. a person's path.kind. Repeatable."
+        ),
     ] = None,
 ) -> None:
-    """Add a box, or a person who stands, from the next tick on until the run ends.
+    """Add a box or a standing person, from the next tick on until the run ends.
 
     Examples: mecazen world add box crate --at 2 0 --size 0.4 0.4 0.6 --yaw 30 ·
     mecazen world add person bob --at 3 -2 --yaw 90 --set path.kind=straight
@@ -229,7 +231,7 @@ def remove(
         list[str], Argument(metavar="NAME...", help="The names that `mecazen world add` gave.")
     ],
 ) -> None:
-    """Remove what was added, all or nothing.
+    """Remove all named boxes and people, or none.
 
     Example: mecazen world remove crate bob
     """
@@ -238,7 +240,7 @@ def remove(
 
 @world_app.command(name="list")
 def list_added(context: typer.Context) -> None:
-    """Show what was added, with its settings."""
+    """Show added boxes and people with their settings."""
     for thing in ask(context, keys.GET_PARAMETERS, ParameterNames()).parameters:
         if thing.name.startswith(ADDED):
             typer.echo(printable(f"{thing.name.removeprefix(ADDED)} = {thing.value}"))

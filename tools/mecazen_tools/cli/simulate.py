@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 RECORDER = "recorder"
 
 TrajectoryFile = Annotated[
-    Path | None, Option("--trajectory", metavar="FILE.csv", help="Write every tick.")
+    Path | None, Option("--trajectory", metavar="FILE.csv", help="Write a row per tick.")
 ]
 PictureFile = Annotated[
     Path | None,
@@ -59,7 +59,7 @@ def simulate(
     ] = None,
     duration_s: Duration = None,
     distributed: Annotated[
-        bool, Option("--distributed", help="As processes over Zenoh; the result is the same.")
+        bool, Option("--distributed", help="Run processes over Zenoh, with the same result.")
     ] = False,
     trajectory: TrajectoryFile = None,
     plot: PictureFile = None,
@@ -67,16 +67,16 @@ def simulate(
         str | None,
         Option(
             metavar="FILE.mcap",
-            help="Record everything: the same as services with recorder, and recorder.file.",
+            help="Record everything: add recorder to services, and set recorder.file.",
         ),
     ] = None,
     as_json: AsJson = False,
     settings: Settings = None,
 ) -> None:
-    """Run a whole scenario as fast as it can, in lockstep, and score it.
+    """Run a whole scenario in lockstep, as fast as possible, and score it.
 
-    The same scenario and seed give the same trajectory to the last bit, in this process or
-    with --distributed; its hash says so.
+    The same scenario and seed give a bit-identical trajectory, in this process or with
+    --distributed, as the hash shows.
 
     Examples: mecazen simulate back --seed 7 --json · mecazen simulate side --trajectory run.csv ·
     mecazen simulate back --plot run.png
@@ -108,11 +108,11 @@ def collect(
     as_json: AsJson = False,
     settings: Settings = None,
 ) -> None:
-    """Score a lockstep run of services that run elsewhere, as in containers.
+    """Score a lockstep run of services that run elsewhere, such as in containers.
 
-    The services and this need the same scenario and settings, among them sim.mode=lockstep and
-    a list of services with "collector" in it; they begin when it has joined. The result is that
-    of `mecazen simulate`.
+    The services and this command need the same scenario and settings, with sim.mode=lockstep and
+    "collector" in services. The run begins when this command has joined. The result is that of
+    `mecazen simulate`.
 
     Example: mecazen collect back --set sim.mode=lockstep
     --set 'services=["physics","controller","target","follower","collector"]'
@@ -131,11 +131,11 @@ def compare(
         Argument(
             metavar="FOLLOWER...",
             help="Two or more: default, a program such as my_follower.py:MyFollower, a trained "
-            "policy:weights.npz, or settings such as follower.estimator=none. The last is the "
+            "policy:weights.npz, or settings such as follower.estimator=none. The last one is the "
             "reference.",
         ),
     ],
-    seeds: Annotated[int, Option(min=1, max=10_000, help="Number of seeds, from 1 on.")] = 10,
+    seeds: Annotated[int, Option(min=1, max=10_000, help="Number of seeds; the first is 1.")] = 10,
     duration_s: Duration = None,
     output: Annotated[
         Path | None, output("Draw paths, errors and measures: PNG, SVG or PDF.")
@@ -143,7 +143,7 @@ def compare(
     as_json: AsJson = False,
     settings: Settings = None,
 ) -> None:
-    """Compare followers: the same scenario and seeds, and differences seed by seed.
+    """Compare followers by their differences per seed, with the same scenario and seeds.
 
     Examples: mecazen compare back my_follower.py:MyFollower default --seeds 30 -o comparison.pdf ·
     mecazen compare back follower.standoff_m=1.5 default

@@ -314,9 +314,9 @@ def status(
     context: typer.Context,
     as_json: Annotated[bool, Option("--json", help="Print one JSON object, and end.")] = False,
 ) -> None:
-    """Show how all services are, until Ctrl-C: who is alive, what each hears, what went wrong.
+    """Show state, inputs and problems of all services, until Ctrl-C.
 
-    Rates and ages are in simulated time. Into a pipe or a file it is shown once.
+    Rates and ages are in simulated time. A pipe or a file gets the state once.
 
     Examples: mecazen status · mecazen status --json
     """

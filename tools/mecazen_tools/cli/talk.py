@@ -24,10 +24,11 @@ def echo(
     context: typer.Context,
     key: Annotated[str, Argument(help="A key, or an expression such as 'target/**'.")],
     count: Annotated[
-        int | None, Option(min=1, help="End after so many samples.", show_default="until Ctrl-C")
+        int | None,
+        Option(min=1, help="End after this number of samples.", show_default="until Ctrl-C"),
     ] = None,
 ) -> None:
-    """Print the samples of a key as JSON, one a line, whatever encoding they came in.
+    """Print the samples of a key, in any encoding, as JSON: one per line.
 
     Examples: mecazen echo odom --count 1 · mecazen echo 'diagnostics/*'
     """
@@ -56,14 +57,15 @@ def pub(
     context: typer.Context,
     key: Annotated[str, Argument(help="A key, e.g. cmd_vel.")],
     message: Annotated[
-        str, Argument(metavar="JSON", help='Its message, e.g. \'{"linear":{"x":0.2}}\'.')
+        str, Argument(metavar="JSON", help='The message, e.g. \'{"linear":{"x":0.2}}\'.')
     ],
     rate: Annotated[
-        float | None, Option(metavar="HZ", min=0.01, max=1000, help="Repeat.", show_default="once")
+        float | None,
+        Option(metavar="HZ", min=0.01, max=1000, help="Publish at this rate.", show_default="once"),
     ] = None,
     duration: Annotated[
         float | None,
-        Option(metavar="S", min=0, help="Stop repeating.", show_default="until Ctrl-C"),
+        Option(metavar="S", min=0, help="Stop after this time.", show_default="until Ctrl-C"),
     ] = None,
 ) -> None:
     """Publish a message given in JSON, once or at a rate.

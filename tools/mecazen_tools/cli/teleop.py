@@ -239,16 +239,16 @@ class Remote:
 
 def teleop(
     context: typer.Context,
-    person: Annotated[bool, Option("--person", help="Walk the person instead.")] = False,
-    robot: Annotated[str, Option(metavar="NAME", help="The robot, of several.")] = "",
+    person: Annotated[bool, Option("--person", help="Move the person instead.")] = False,
+    robot: Annotated[str, Option(metavar="NAME", help="The robot, if there are several.")] = "",
     speed: Annotated[
-        float, Option(metavar="M_S", min=0.01, max=10, help="Along the ground, at 100 %.")
+        float, Option(metavar="M_S", min=0.01, max=10, help="Linear speed at 100 %.")
     ] = 0.3,
     turn: Annotated[
-        float, Option(metavar="RAD_S", min=0.01, max=10, help="About itself, at 100 %.")
+        float, Option(metavar="RAD_S", min=0.01, max=10, help="Turning speed at 100 %.")
     ] = 0.6,
 ) -> None:
-    """Drive a robot by keyboard, and by a gamepad where one is: it moves while a key is held.
+    """Drive a robot by keyboard or connected gamepad; the robot moves while a key is held.
 
     Examples: mecazen teleop · mecazen teleop --person · mecazen teleop --robot two --speed 0.5
     """

@@ -51,17 +51,17 @@ def up(
     scenario: ScenarioArgument,
     viewer: Annotated[
         Literal["web", "native"],
-        Option(help="Where it is shown: a page for the browser, or Rerun's own window too."),
+        Option(help="Show the run on a web page, or also in Rerun's own window."),
     ] = "web",
     no_viewer: Annotated[
-        bool, Option("--no-viewer", help="Show it nowhere; a viewer takes processor time.")
+        bool, Option("--no-viewer", help="Start no viewer, which saves processor time.")
     ] = False,
     without: Annotated[
         list[str] | None,
         Option(metavar="SERVICE", help="Leave out a service, such as follower. Repeatable."),
     ] = None,
     restart: Annotated[
-        bool, Option("--restart", help="Start a process again that fails or is killed.")
+        bool, Option("--restart", help="Restart a process that fails or is killed.")
     ] = False,
     processes: Annotated[
         int | None,
@@ -74,9 +74,9 @@ def up(
 ) -> None:
     """Start a scenario's services as processes, in real time, until Ctrl-C.
 
-    A router for them and for tools listens on tcp/127.0.0.1:7447, or on a free port if another
-    run has that one. If a process fails, its error is shown and all processes end. With --restart
-    it is started again. The other processes continue without the viewer or the recorder.
+    A router for services and tools listens on tcp/127.0.0.1:7447, or on a free port if another
+    run uses that port. If a process fails, its error is shown and all processes end. With
+    --restart, the process starts again. If viewer or recorder fails, the others continue.
 
     Examples: mecazen up back · mecazen up teleop --no-viewer · mecazen up back --without follower
     """

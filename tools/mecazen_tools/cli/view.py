@@ -26,7 +26,7 @@ def view(
         Path, typer.Argument(help="A recording, or any file that Rerun reads: .rrd, …")
     ],
     native: Annotated[
-        bool, typer.Option("--native", help="In Rerun's own window instead of the browser.")
+        bool, typer.Option("--native", help="Use Rerun's own window instead of the browser.")
     ] = False,
     topics: Topics = "",
     scenario: RecordedScenario = None,
