@@ -52,15 +52,15 @@ class Wheels(Section):
     max_torque_nm: Positive
     max_speed_rad_s: Positive
     centre_m: tuple[Position, Position] = (0.0, 0.0)
-    """Centre of the four wheels in base_link. Twists and odometry are those of base_link."""
+    """Centre of the four wheels in base_link. Twists and odometry refer to base_link."""
     joints: Annotated[tuple[Name, ...], msgspec.Meta(min_length=4, max_length=4)] = WHEEL_JOINTS
-    """Joints of the front left, front right, rear left and rear right wheel, for all services."""
+    """Joints of the front left, front right, rear left and rear right wheel, in all services."""
 
     wiring: tuple[int, int, int, int] = (1, 2, 3, 4)
-    """Number of the motor output that drives each wheel in physics, in the order of `WHEELS`;
-    negative if its poles are swapped. Another wiring is a fault to find before it is a real one."""
+    """Number of the motor output that drives each wheel in physics, in the order of `joints`;
+    negative if its poles are swapped. Another wiring simulates a fault."""
     mounting: tuple[Place, Place, Place, Place] = (1, 2, 3, 4)
-    """Number of the wheel at each place in physics, in the order of `WHEELS`. Wheels 1 and 4 are
+    """Number of the wheel at each place in physics, in the order of `joints`. Wheels 1 and 4 are
     alike, as are 2 and 3: with (2, 1, 4, 3) an X is mounted as an O."""
 
     def __post_init__(self) -> None:
@@ -86,16 +86,17 @@ class RealMotors(Section):
     time_constant_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.0
     """Time constant of the first-order lag."""
     dead_band_rad_s: NonNegative = 0.0
-    """Speed that static friction subtracts from the command: a wheel stands below this speed."""
+    """Speed that static friction subtracts from the command: below this speed, a wheel stands
+    still."""
     gains: tuple[Positive, Positive, Positive, Positive] = (1.0, 1.0, 1.0, 1.0)
-    """Speed over commanded speed of each wheel, in the order of `WHEELS`."""
+    """Ratio of speed to commanded speed of each wheel, in the order of `wheels.joints`."""
     coulomb_nm: NonNegative = 0.0
     """Friction of motor and gear at any speed; the motors' effort includes it."""
     viscous_nms: NonNegative = 0.0
-    """Friction of motor and gear for each rad/s."""
+    """Friction of motor and gear per rad/s."""
     sag_per_nm: Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)] = 0.0
-    """Relative drop of the supply's voltage, and so of the speeds, for each N·m of the motors'
-    summed torques."""
+    """Relative drop of the supply voltage, and so of the speeds, per N·m of the motors' summed
+    torques."""
 
 
 class Rollers(Section):
@@ -110,19 +111,19 @@ class Rollers(Section):
     angle_deg: Annotated[float, msgspec.Meta(ge=10.0, le=80.0)] = 45.0
     """Angle between a roller's axis and the wheel's axle."""
     arrangement: Literal["X", "O"] = "X"
-    """Shape that the upper rollers form, seen from above: how left and right wheels are placed."""
+    """Shape that the upper rollers form, seen from above; it shows how the wheels are placed."""
     contact_friction: NonNegative = 1.0
-    """Coulomb coefficient of the roller's surface; the ground's own multiplies it."""
+    """Coulomb coefficient of the roller's surface; physics multiplies it by the ground's."""
     hull_spheres: Annotated[int, msgspec.Meta(ge=3, le=101)] = 81
-    """Number of spheres whose convex hull is a roller's collision shape; odd, so that one is in the
-    middle. With fewer spheres a coasting robot slows down more."""
+    """Number of spheres whose convex hull is a roller's collision shape; odd, so that a sphere is
+    in the middle. With fewer spheres a coasting robot slows down more."""
 
 
 class Attachment(Section):
     """A sensor's housing on the base; `position_m` is its centre in base_link."""
 
     size_m: tuple[Length, ...]
-    """A box: length, width, height. A cylinder: radius, height."""
+    """Length, width, height of a box; radius, height of a cylinder."""
     position_m: tuple[Position, Position, Position]
     mass_kg: Mass
 
@@ -137,7 +138,7 @@ class LidarMount(Attachment):
 
     size_m: tuple[Length, Length]
     frame: Name = "lidar_link"
-    """Its link, and the frame of its scans."""
+    """Its link and the frame of its scans."""
 
 
 class CameraMount(Attachment):
@@ -145,7 +146,7 @@ class CameraMount(Attachment):
 
     size_m: tuple[Length, Length, Length]
     frame: Name = "camera_link"
-    """Its link."""
+    """Name of its link."""
     optical_frame: Name = "camera_depth_optical_frame"
     """The frame of its images: z ahead, x to the right, y down."""
     pitch_deg: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0
@@ -179,12 +180,12 @@ class Robot(Section):
     wheels: Wheels
     rollers: Rollers
     camera: CameraMount | None = None
-    """Left out: the robot has none."""
+    """If left out, the robot has no camera."""
     lidar: LidarMount | None = None
-    """Left out: the robot has none."""
+    """If left out, the robot has no lidar."""
     payload: Payload | None = None
     motors: RealMotors | None = None
-    """None: ideal motors, which follow their commands at once."""
+    """If left out, motors are ideal and follow commands at once."""
 
     def __post_init__(self) -> None:
         base, wheel, roller = self.base, self.wheels, self.rollers

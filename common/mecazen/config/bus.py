@@ -22,9 +22,9 @@ class BusConfig(Section):
     """Zenoh sessions: on loopback and without multicast unless these settings change that."""
 
     connect: tuple[str, ...] | None = None
-    """Endpoints of the router; without this and `zenoh_config` ["tcp/127.0.0.1:7447"]."""
+    """Endpoints of the router; default without `zenoh_config`: ["tcp/127.0.0.1:7447"]."""
     listen: tuple[str, ...] | None = None
-    """Endpoints of each peer; without this and `zenoh_config` ["tcp/127.0.0.1:0"], a free port."""
+    """Endpoints of each peer; default without `zenoh_config`: ["tcp/127.0.0.1:0"], a free port."""
     insecure: bool = False
     """Whether endpoints beyond loopback may be without TLS: any program there can then drive the
     robot."""
@@ -40,7 +40,7 @@ class BusConfig(Section):
     zenoh_config: Path | None = None
     """A Zenoh configuration file (JSON5), which the settings of this section override."""
     keys: Folder | None = None
-    """A folder of `mecazen keys create`: all links are TLS, with certificates at both ends."""
+    """A folder made by `mecazen keys create`: all links use TLS, with certificates at both ends."""
     ros2: bool = False
     """Whether the services are ROS 2 nodes as well, in the protocol of rmw_zenoh."""
     ros_domain_id: Annotated[int, msgspec.Meta(ge=0, le=232)] = 0
@@ -54,7 +54,7 @@ class BusConfig(Section):
     """Whether ROS sees the odometry on `/tf` as well; false if a filter such as robot_localization
     publishes that transform."""
     ros_distro: Literal["humble", "jazzy"] = "jazzy"
-    """jazzy: Jazzy and all later distributions. humble: Humble, which has no hashes of types and
+    """jazzy: Jazzy and all later distributions. humble: Humble, which has no type hashes and
     receives from no other distribution."""
 
     def __post_init__(self) -> None:

@@ -129,7 +129,7 @@ class PidControl(Section, tag_field="kind", tag="pid"):
     y: LinearGains = LinearGains()
     yaw: AngularGains = AngularGains()
     feed_forward: Live[bool] = True
-    """Add the estimated velocity of the goal to the command."""
+    """Whether the goal's estimated velocity is added to the command."""
 
 
 class PolarControl(Section, tag_field="kind", tag="polar"):
@@ -139,7 +139,7 @@ class PolarControl(Section, tag_field="kind", tag="polar"):
     """Proportional gain of distance and bearing; the error decays with the time constant 1/gain."""
     heading_gain_1_s: Live[Positive] = 5.0
     max_speed_m_s: Live[Positive] = 2.0
-    """Magnitude of the planar velocity of base_link."""
+    """Largest magnitude of the planar velocity of base_link."""
     max_yaw_rate_rad_s: Live[Positive] = 3.0
 
 
@@ -150,8 +150,8 @@ class PlannerConfig(Section):
     clearance_m: Live[Positive] = 0.12
     """Minimum distance between the robot and everything else."""
     priorities: Live[tuple[str, ...]] = PRIORITIES
-    """Properties of the robot's place, the most important first; the planner gives up the last one
-    first."""
+    """Properties of the robot's place, the most important first; the planner gives up the last
+    property first."""
 
     def __post_init__(self) -> None:
         if sorted(self.priorities) != sorted(PRIORITIES):
@@ -178,17 +178,17 @@ class FollowerConfig(Section):
     """Distance from the person to the robot."""
     estimator: str = "imm"
     estimator_params: dict[str, float] = msgspec.field(default_factory=dict)
-    """Parameters of the estimator by name; missing ones get their defaults."""
+    """Parameters of the estimator by name; missing parameters have their defaults."""
     control: PolarControl | PidControl = PolarControl()
     """The control law; `kind` selects it."""
     planner: PlannerConfig | None = None
-    """Left out: the robot drives straight to its place, without regard to obstacles."""
+    """If left out, the robot drives straight to its place and ignores obstacles."""
     response_s: NonNegative = 0.0
     """Dead time from a command to the robot's motion; commands are computed for that time ahead."""
     lost_after_s: Positive = 4.0
     """Time without an observation after which the person is `lost`: the robot searches or stops."""
     search_s: Live[NonNegative] = 60.0
-    """Time without an observation up to which the robot searches; 0: it does not search."""
+    """Time without an observation up to which the robot searches; 0: no search."""
 
     def __post_init__(self) -> None:
         if (self.bearing_deg is None) != (self.heading_deg is None):
@@ -220,5 +220,5 @@ class GuardConfig(Section):
     reaction_s: NonNegative = 0.06
     """Time from a decision of the guard until the wheels follow it."""
     hold_s: NonNegative = 0.05
-    """Time for which the controller obeys a silent guard, and the wheels a silent controller. The
-    guard relies on this time."""
+    """Time for which the last command of a silent guard or controller is obeyed. The guard relies
+    on this time."""

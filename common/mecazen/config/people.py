@@ -74,7 +74,7 @@ class FigureOfEight(SteadyWalk, tag="figure_of_eight"):
     """An endless lemniscate of Bernoulli that starts at its crossing."""
 
     length_m: Positive = 6.0
-    """Distance between the far ends of the two loops [m], whose radius there is `length_m / 6`."""
+    """Distance between the far ends of the loops [m]; their radius there is `length_m / 6`."""
     turn: Turn = "left"
     """Side to which the first loop turns."""
 
@@ -117,14 +117,15 @@ class Script(_Walk, tag="script", kw_only=True):
 
     steps: Annotated[tuple[ScriptStep, ...], msgspec.Meta(min_length=1, max_length=1000)]
     acceleration_m_s2: Positive = 6.0
-    """Largest acceleration; by default from 1.8 m/s to rest in 0.3 s, within one footstep."""
+    """Largest acceleration; the default stops a person from 1.8 m/s in 0.3 s, within one
+    footstep."""
 
 
 class Wander(_Walk, tag="wander"):
     """A random walker: see `mecazen_people.wander`."""
 
     number: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
-    """Number of the walker; each has another way and another greatest speed."""
+    """Number of the walker; each number has another path and top speed."""
     duration_s: Annotated[float, msgspec.Meta(gt=0.0, le=3600.0)] = 60.0
     """Time after which the person stands."""
 
@@ -137,7 +138,7 @@ class Driven(_Path, tag="driven"):
 
 
 class Goal(SteadyWalk, tag="goal", kw_only=True):
-    """A walk to a place, straight on, that gives way to others and to obstacles.
+    """A straight walk to a place; the person gives way to others and obstacles.
 
     A person whom a robot follows gives way to all but the robots.
     """
@@ -172,9 +173,9 @@ class Limp(Section):
 
     side: Turn = "right"
     stance_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.12)] = 0.06
-    """Difference of the stance shares, the other leg's minus the affected one's."""
+    """The other leg's stance share minus the affected leg's."""
     step_asymmetry: Annotated[float, msgspec.Meta(ge=0.0, le=0.4)] = 0.15
-    """Difference of the step lengths, the affected leg's minus the other's, over their mean."""
+    """The affected leg's step length minus the other leg's, over their mean."""
 
 
 class StiffKnee(Section):
@@ -196,7 +197,7 @@ class Body(Section):
     """The person's body and how it walks; see `mecazen_people.body`."""
 
     height_m: Annotated[float, msgspec.Meta(ge=HEIGHTS_M[0], le=HEIGHTS_M[1])] | None = None
-    """Height of the person; without it that of the motion file, else 1.75."""
+    """Height of the person; default: the motion file's height, else 1.75."""
     limp: Limp | None = None
     stiff_knee: StiffKnee | None = None
     shuffle: Shuffle | None = None
@@ -210,7 +211,7 @@ class TargetConfig(Section):
     """The person."""
 
     path: Walk | Driven | Goal = UTrack()
-    """Where the person walks; `kind` selects the struct."""
+    """Where the person walks; `kind` selects the type of path."""
     gait: Gait | None = None
     body: Body = Body()
 
@@ -223,7 +224,7 @@ class Walker(Section, kw_only=True):
     """A pedestrian whom no robot follows."""
 
     path: Walk | Goal
-    """Only a `goal` path gives way to others."""
+    """Only people on a `goal` path give way."""
     body: Body = Body()
     """A child of 6 has a `height_m` of about 1.15."""
     enters_and_leaves: bool = False
@@ -250,8 +251,8 @@ class Reactive(Section, kw_only=True):
     """Extent of the area along x in the world; `y_m` is the extent along y."""
     y_m: Interval
     speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=2.0)] = 1.34
-    """Mean of the preferred speeds; by default of U. Weidmann, Transporttechnik der Fussgänger, ETH
-    Zürich, 1993, whose standard deviation of 0.26 m/s they have."""
+    """Mean of the preferred speeds. Default and standard deviation, 0.26 m/s, are from U. Weidmann,
+    Transporttechnik der Fussgänger, ETH Zürich, 1993."""
     body: Body = Body()
 
     def __post_init__(self) -> None:

@@ -32,7 +32,7 @@ from mecazen.ticks import ticks_per_sample
 
 
 class StartConfig(Section):
-    """The start pose of the robot, in world; the odometry begins there too."""
+    """The start pose of the robot in world, where the odometry begins too."""
 
     x_m: Finite = 0.0
     y_m: Finite = 0.0
@@ -49,10 +49,10 @@ LIVELINESS = "mecazen"
 
 
 class RobotConfig(Section):
-    """One of several robots; the scenario has the settings that it leaves out."""
+    """One of several robots; settings left out are those of the scenario."""
 
     name: Annotated[str, msgspec.Meta(pattern="^[A-Za-z0-9_-]+$")]
-    """Name of the robot, and its namespace within that of the run."""
+    """Name of the robot, and of its namespace within the run's."""
     robot: Robot | None = None
     """Robot file, or its content as a table."""
     start: StartConfig | None = None
@@ -110,10 +110,10 @@ class Scenario(Section):
         "target",
         "follower",
     )
-    """The services that take part, by their names; only `programs` names code."""
+    """Names of the services that take part; classes belong in `programs`."""
     programs: dict[str, Program] = msgspec.field(default_factory=dict)
-    """User classes by node name: a class that replaces a node, or an additional node, which then
-    takes part as well: `follower = "my_follower.py:MyFollower"`."""
+    """User classes by node name, as in `follower = "my_follower.py:MyFollower"`. A class replaces a
+    node or adds one, which then takes part."""
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)] = 0
     sim: SimConfig = SimConfig()
     world: WorldConfig = WorldConfig()
@@ -132,9 +132,10 @@ class Scenario(Section):
     recorder: RecorderConfig = RecorderConfig()
     bus: BusConfig = BusConfig()
     processes: tuple[tuple[str, ...], ...] = ()
-    """Groups of services that share a process; each other service has a process of its own."""
+    """Groups of services that share a process; every other service has its own."""
     robots: tuple[RobotConfig, ...] = ()
-    """Several robots in one world, each with its own services; empty: a single robot, `robot`."""
+    """Several robots in one world, each with its own services; if empty, `robot` is the only
+    one."""
     robot_name: str = ""
     """Name of the robot to which this part of the scenario belongs, if there are several robots."""
     others: dict[str, Robot] = msgspec.field(default_factory=dict)

@@ -37,16 +37,16 @@ class SensorFaults(Section):
     """Faults of the robot's person sensor; by default there are none."""
 
     outlier_probability: Probability = 0.0
-    """Chance of a frame to show the person `outlier_m` away, in any direction."""
+    """Probability that a frame shows the person `outlier_m` away, in any direction."""
     outlier_m: Positive = 2.0
     flip_probability: Probability = 0.0
-    """Chance of a frame to show the person facing backwards."""
+    """Probability that a frame shows the person facing backwards."""
     noise_correlation_s: NonNegative = 0.0
     """Time after which the autocorrelation of the noise is 1/e; its variance is unchanged."""
     reported_noise_ratio: Positive = 1.0
-    """Standard deviation that is reported, relative to the true one."""
+    """Ratio of the reported standard deviation to the true one."""
     unsaid_latency_s: NonNegative = 0.0
-    """Unreported latency in addition to `sensor.latency_s`; whole ticks."""
+    """Unreported latency beyond `sensor.latency_s`; a multiple of a tick."""
     other_m: Finite = 0.0
     """Distance of a second person from the first along y of world; 0: no second person."""
     other_seen: bool = True
@@ -66,8 +66,8 @@ class SensorFaults(Section):
 class SensorConfig(Section):
     """How the robot perceives the person.
 
-    The settings from `rate_hz` on are the data sheet of the sensor "pose", which target
-    simulates; those of lidar and cameras are in `[sensors]`.
+    The settings from `rate_hz` on describe the sensor "pose", which target simulates. `[sensors]`
+    has the settings of lidar and cameras.
     """
 
     kind: Literal["pose", "body", "legs", "fused"] = "pose"
@@ -78,16 +78,16 @@ class SensorConfig(Section):
     rate_hz: Positive = 25.0
     """Frames a second; divides the tick rate."""
     frame: Literal["base_link", "world"] = "base_link"
-    """Frame of the observed poses; world leaves out the drift of the odometry."""
+    """Frame of the observed poses; world excludes odometry drift."""
     position_std_m: NonNegative = 0.05
     yaw_std_deg: NonNegative = 5.0
     latency_s: NonNegative = 0.0
-    """From a frame's capture to its arrival; whole ticks."""
+    """Time from a frame's capture to its arrival; a multiple of a tick."""
     fov_deg: Annotated[float, msgspec.Meta(gt=0.0, le=360.0)] = 360.0
-    """Field of view about the robot's x axis."""
+    """Field of view, centred on the robot's x axis."""
     max_range_m: Positive = 10.0
     dropout_probability: Probability = 0.0
-    """Chance of a frame to show nothing."""
+    """Probability that a frame shows nothing."""
     occlusions_s: Intervals = ()
     """Intervals [from, to] of simulated time in which nothing is seen."""
     faults: SensorFaults = SensorFaults()
@@ -123,14 +123,14 @@ class LidarConfig(Section):
     """Scans a second; divides the tick rate."""
     beams: Annotated[int, msgspec.Meta(ge=8, le=8192)] = 720
     fov_deg: Annotated[float, msgspec.Meta(gt=0.0, le=360.0)] = 360.0
-    """Field of view about the robot's x axis."""
+    """Field of view, centred on the robot's x axis."""
     min_range_m: NonNegative = 0.05
     max_range_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 12.0
     range_std_m: NonNegative = 0.01
     dropout_probability: Probability = 0.005
-    """Chance of a beam that hits something to bring no valid measurement."""
+    """Probability that a beam that hits something returns no valid measurement."""
     occlusions_s: Intervals = ()
-    """Intervals in which no beam brings a valid measurement."""
+    """Intervals without valid measurements."""
 
     def __post_init__(self) -> None:
         _check_intervals("occlusions_s", self.occlusions_s)
@@ -149,33 +149,34 @@ class TrackerConfig(Section):
     """
 
     rate_hz: Positive = 25.0
-    """Frames a second; divides the tick rate. Ticks of 10 ms allow no 30 Hz: 25 Hz is the rate of
-    the pose sensor, and 33.3 Hz is beyond the camera."""
+    """Frames a second; divides the tick rate. Ticks of 10 ms do not allow 30 Hz: 25 Hz is the pose
+    sensor's rate, and the camera cannot reach 33.3 Hz."""
     latency_s: NonNegative = 0.1
-    """From a frame's capture to its arrival; whole ticks."""
+    """Time from a frame's capture to its arrival; a multiple of a tick."""
     horizontal_fov_deg: FieldOfView = 75.0
     vertical_fov_deg: FieldOfView = 65.0
     min_range_m: NonNegative = 0.5
     max_range_m: Positive = 3.86
     """Largest depth along the camera's axis; min_range_m is the smallest."""
     white_std_m: NonNegative = 0.008
-    """White noise of a joint of the trunk near the camera, along each axis; it grows with depth
-    squared, to twice this deviation at 3 m."""
+    """White noise of a trunk joint near the camera, along each axis. It grows with depth squared,
+    to twice this deviation at 3 m."""
     drift_std_m: NonNegative = 0.015
-    """Ornstein-Uhlenbeck noise of a joint of the trunk."""
+    """Ornstein-Uhlenbeck noise of a trunk joint."""
     drift_time_s: Positive = 0.5
     """Correlation time of this noise."""
     bias_std_m: NonNegative = 0.017
-    """Error of a joint of the trunk that depends only on the view: standard deviation over runs."""
+    """Error of a trunk joint that depends only on the view: standard deviation over runs."""
     hidden_factor: Annotated[float, msgspec.Meta(ge=1.0, le=100.0)] = 2.5
-    """Factor by which noise and drift are larger for a joint that is not seen."""
+    """Factor by which noise and drift are larger for an unseen joint."""
     hidden_lag_s: Positive = 0.1
     """Time constant with which the reported position of an unseen joint follows the true one."""
     hidden_pull: Probability = 0.25
     """Share by which an unseen joint of a leg is moved towards the same joint of the other leg."""
     swap_probability: Probability = 0.007
-    """Chance that a frame in which one leg hides the other's knee or ankle begins a confusion of
-    the two: 0.5 to 1 % of all frames of a walk seen aslant or from the side."""
+    """Probability that a frame in which one leg hides the other's knee or ankle starts a confusion
+    of the legs. In walks seen obliquely or from the side, 0.5 to 1 % of all frames confuse the
+    legs."""
     swap_time_s: Positive = 0.2
     """Mean duration of such a confusion."""
     flip_rate_hz: NonNegative = 0.005
@@ -212,8 +213,8 @@ class DepthConfig(Section):
     noise_m: NonNegative = 0.00114
     """Standard deviation at a depth of 1 m."""
     edge_probability: Probability = 0.5
-    """Chance of a pixel at an edge (a step of 0.1 m in depth) to be a mixture of both depths; the
-    chance to be invalid is the same."""
+    """Probability that a pixel at an edge (a step of 0.1 m in depth) mixes both depths; the
+    probability of an invalid pixel is the same."""
 
     def __post_init__(self) -> None:
         _check_range(self.min_range_m, self.max_range_m)
@@ -236,13 +237,13 @@ class ImuConfig(Section):
     gyro_std_rad_s: NonNegative = 0.0006
     """White noise of the angular velocity."""
     gyro_bias_std_rad_s: NonNegative = 0.002
-    """Bias of the angular velocity at the start: deviation over runs."""
+    """Bias of the angular velocity at the start: standard deviation over runs."""
     gyro_walk_rad_s: NonNegative = 0.0001
     """Standard deviation of the change of that bias within 1 s."""
     accel_std_m_s2: NonNegative = 0.03
     """White noise of the specific force."""
     accel_bias_std_m_s2: NonNegative = 0.05
-    """Bias of the specific force at the start: deviation over runs."""
+    """Bias of the specific force at the start: standard deviation over runs."""
     accel_walk_m_s2: NonNegative = 0.001
     """Standard deviation of the change of that bias within 1 s."""
 
@@ -262,16 +263,15 @@ class EncodersConfig(Section):
     """The encoders of the wheels."""
 
     counts_per_turn: Annotated[int, msgspec.Meta(ge=0, le=1 << 24)] = 0
-    """Resolution at the wheel; positions are whole counts, velocities their change in a tick. 0:
-    exact."""
+    """Resolution at the wheel. Positions are whole counts; velocities are their change in a tick.
+    0: exact."""
 
 
 class SensorsConfig(Section):
     """The robot's sensors."""
 
     skeleton_rate_hz: Annotated[float, msgspec.Meta(ge=10.0, le=1000.0)] = 50.0
-    """Rate of the person's body for the sensors that perceive it; divides the tick rate. Sensors
-    capture only at these instants."""
+    """Rate at which sensors can capture the person's body; divides the tick rate."""
     lidar: LidarConfig = LidarConfig()
     tracker: TrackerConfig = TrackerConfig()
     depth: DepthConfig = DepthConfig()

@@ -26,13 +26,13 @@ class SimConfig(Section):
     mode: Literal["real_time", "lockstep"] = "real_time"
     """real_time follows the wall clock; lockstep waits for every answer, not for the wall clock."""
     tick_s: Annotated[float, msgspec.Meta(ge=0.001, le=1.0)] = 0.01
-    """The control period; whole nanoseconds."""
+    """The control period; a multiple of 1 ns."""
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 1.0
     """Simulated seconds per wall second in real time."""
     duration_s: Positive = 60.0
     """Length of a lockstep run; a real-time run ends when it is stopped."""
     answer_timeout_s: Positive = 10.0
-    """Wall time after which a service that does not answer a tick in lockstep is an error."""
+    """Wall time after which a missing answer to a tick in lockstep is an error."""
 
     @property
     def tick_ns(self) -> int:
@@ -52,7 +52,7 @@ Up to this step, gains are within 0.5 % of the geometry: `mecazen bench run --on
 
 
 class Pid(Section, frozen=True, kw_only=True):
-    """Wheel speed to torque, as ROS's effort_controllers/JointVelocityController."""
+    """PID from wheel speed to torque, like ROS's effort_controllers/JointVelocityController."""
 
     p_nms: NonNegative = 2.0
     """Proportional gain [N·m per rad/s]."""
@@ -77,12 +77,12 @@ class PhysicsConfig(Section, frozen=True, kw_only=True):
     """A commanded wheel speed is held by an ideal servo within the motor's torque
     ("velocity") or by a PID controller in the physics loop ("effort")."""
     motors: Literal["robot", "ideal"] = "robot"
-    """Motors of the robot file, if it has a table `motors`, or ideal ones in any case."""
+    """robot: motors of the robot file, ideal without a table `motors`; ideal: always ideal."""
     pid: Pid = Pid()
     """Gains of the drive "effort"."""
     watchdog_s: Positive = 0.5
-    """Simulated time without a wheel command after which the wheels are stopped; also the time
-    without a pose of the person after which the person's body stands."""
+    """Simulated time without a wheel command after which the wheels are stopped. After the same
+    time without the person's pose, the person's body stands."""
 
     def __post_init__(self) -> None:
         if self.watchdog_s < self.dt_s:
@@ -134,7 +134,7 @@ class AxisLimits(Section):
 
 
 class OdometryScale(Section):
-    """Calibration of the wheel odometry: true over nominal motion of each axis."""
+    """Calibration of the wheel odometry: ratio of true to nominal motion of each axis."""
 
     x: Positive = 1.0
     y: Positive = 1.0
@@ -156,33 +156,34 @@ class Command(Section, omit_defaults=True):
     """A key on which programs command the robot, or a lock; as in ROS's twist_mux."""
 
     key: Key
-    """`cmd_vel` has the commands of programs, not those of the scenario's own follower."""
+    """`cmd_vel` carries commands of programs, not of the scenario's own follower."""
     priority: Annotated[int, msgspec.Meta(ge=1, le=255)] = 100
-    """The command of the highest priority is obeyed, among those that are not stale. The follower
-    has priority 0."""
+    """The controller obeys the highest priority among commands that are not stale. The follower has
+    priority 0."""
     timeout_s: Positive | None = None
-    """Simulated time after which a command is stale; left out: reference_timeout_s. A lock that is
-    stale locks; left out: it is never stale."""
+    """Simulated time after which a command is stale; default: reference_timeout_s. A stale lock
+    locks; by default it is never stale."""
     lock: bool = False
-    """Whether the key has std_msgs/Bool: while true, commands of no higher priority are ignored."""
+    """Whether the key has std_msgs/Bool: while true, commands of the same or lower priority are
+    ignored."""
 
 
 class ControllerConfig(Section):
     """The wheel controller."""
 
     command_key: Key = "cmd_vel"
-    """Key of the commanded twist, in base_frame_id, for all that publish or receive it."""
+    """Key of the commanded twist (in base_frame_id), for all publishers and subscribers."""
     commands: tuple[Command, ...] = (Command(key="cmd_vel"),)
-    """Sources that may take over from the follower; a key that is left out is not obeyed."""
+    """Sources that may take over from the follower; other keys are not obeyed."""
     reference_timeout_s: Live[Positive] = 0.5
     """Simulated time after which a command is stale and the robot comes to rest."""
     limits: AxisLimits = AxisLimits()
     odometry_key: Key = "odom"
-    """Key of the odometry, for all that publish or receive it."""
+    """Key of the odometry, for all publishers and subscribers."""
     odom_frame_id: Name = "odom"
     base_frame_id: Name = "base_link"
-    """Child frame of the odometry. With another name, the URDF has this frame as the parent of
-    base_link, at the same place: base_link is on the ground, as REP-105's base_footprint."""
+    """Child frame of the odometry. A frame of another name is the parent of base_link in the URDF,
+    at the same place: base_link is on the ground, like REP-105's base_footprint."""
     update_rate_hz: Positive | None = None
     """Rate of the odometry; it divides the tick rate. Left out: at every tick."""
     odometry: Literal["wheel", "ground_truth"] = "wheel"
@@ -212,7 +213,7 @@ class ControllerConfig(Section):
 
 
 class HardwareConfig(Section):
-    """The board of a robot, its port, and when its motors are stopped."""
+    """The board of a robot, its port, and when motors are stopped."""
 
     board: Program = "rosmaster_x3"
     """The kind of board: `rosmaster_x3`, or your own as `file.py:Class`."""
@@ -222,7 +223,7 @@ class HardwareConfig(Section):
     """Encoder counts in a turn of a wheel; left out: the value in the firmware."""
     command_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.3)] = 0.2
     """Age of a wheel command above which the robot brakes; with a guard, guard.hold_s applies if it
-    is less. The motors are stopped at most 0.5 s after the last command."""
+    is shorter. The motors are stopped at most 0.5 s after the last command."""
     min_voltage_v: NonNegative = 9.9
     """Voltage below which the motors are stopped after 1 s, until a restart."""
 
@@ -231,7 +232,7 @@ Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
 
 
 class ViewerConfig(Section):
-    """Ports, address and window of the viewer; port 0 takes a free port."""
+    """Ports, address and window of the viewer; port 0 selects a free port."""
 
     web_port: Port = 9090
     data_port: Port = 9876

@@ -32,7 +32,7 @@ RAIL_M = 0.05, 0.9
 
 
 class Box(Section, tag_field="kind", tag="box", frozen=True, kw_only=True):
-    """A static box on the ground, higher than the wheels' axles, or above it."""
+    """A static box: above the ground, or on it and higher than the wheels' axles."""
 
     size_m: tuple[Positive, Positive, Positive]
     """Length (x), width (y), height (z)."""
@@ -74,13 +74,13 @@ class Ridge(NamedTuple):
 
 
 class Door(Section, frozen=True, kw_only=True):
-    """A gap in a wall, all the way up."""
+    """A gap in a wall, over its whole height."""
 
     at_m: Positive
     """Distance along the wall from its first point to the door's middle."""
     width_m: Positive
     sill_m: Annotated[float, msgspec.Meta(ge=0.0, le=HIGHEST_SILL_M)] = 0.0
-    """Height of a sill as deep as the wall, with bevels of 1:2 before and behind it."""
+    """Height of the sill, which is as deep as the wall, between bevels of 1:2."""
 
 
 class Wall(Section, frozen=True, kw_only=True):
@@ -194,7 +194,7 @@ class Ramp(Section, frozen=True, kw_only=True):
     position_m: tuple[Finite, Finite]
     """The middle of the landing in the world frame."""
     heading_deg: AngleDeg = 0.0
-    """Direction across the ramp."""
+    """Direction of driving over the ramp."""
     landing_m: Positive = 1.0
     """Length of the landing."""
 
@@ -229,7 +229,7 @@ class Patch(Section, frozen=True, kw_only=True):
     yaw_deg: AngleDeg = 0.0
     """Its heading in the world frame."""
     friction: NonNegative
-    """Coulomb coefficient of the ground in it; the rollers' own multiplies it."""
+    """Coulomb coefficient of this ground; physics multiplies it by the rollers'."""
 
     def covers(self, x: float, y: float) -> bool:
         """Return whether the patch covers a point of the ground [m]."""
@@ -251,7 +251,7 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     map: Path | None = None
     """An occupancy map of ROS's map_server (YAML): its boxes are added to `obstacles`."""
     ground_friction: NonNegative = 1.0
-    """Coulomb coefficient of the ground; the rollers' own multiplies it."""
+    """Coulomb coefficient of the ground; physics multiplies it by the rollers'."""
     slope_deg: Annotated[float, msgspec.Meta(ge=0.0, le=45.0)] = 0.0
     """Inclination of the ground. The world frame stays on the ground: gravity is inclined."""
     slope_heading_deg: AngleDeg = 0.0
@@ -264,7 +264,7 @@ class WorldConfig(Section, frozen=True, kw_only=True):
     patches: tuple[Patch, ...] = ()
     """Where patches overlap, the last one applies."""
     added: dict[str, Box | Cylinder | Passerby] = msgspec.field(default_factory=dict)
-    """Things that `mecazen world` has added while the simulation runs, by name."""
+    """Things, by name, that `mecazen world` has added to the running simulation."""
     person: PersonConfig = PersonConfig()
     """The body of each person that a robot follows."""
 
