@@ -61,11 +61,6 @@ class Target(Steps):
         """Return where the person is at a tick."""
         return pose_of(self.tick(tick, command=command)[keys.TARGET_ODOM])
 
-    def seen(self, tick):
-        """Return what the frame of a tick shows."""
-        poses = self.tick(tick)[keys.OBSERVATION].poses
-        return poses[0].pose.to_planar() if poses else None
-
     def bytes(self, ticks):
         """Return all that is published in some ticks."""
         return b"".join(encode(m) for k in range(ticks) for m in self.tick(k).values())
@@ -155,12 +150,9 @@ def test_person_on_a_path_ignores_commands():
     assert target.person(1000).x == pytest.approx(3.0)
 
 
-GOAL = Goal(goal_m=(6.0, 0.0), speed_m_s=1.0)
-
-
 def test_person_with_a_goal_avoids_pedestrians():
     def walk(*others):
-        target = Target(GOAL)
+        target = Target(Goal(goal_m=(6.0, 0.0), speed_m_s=1.0))
         crowd = People(persons=(Person(id="target"), *others))
         outputs = [target.tick(k, Pose2D(2.0), people=crowd) for k in range(800)]
         return [pose_of(one[keys.TARGET_ODOM]) for one in outputs]
@@ -197,50 +189,35 @@ def test_skeleton_walks_with_the_person():
     assert 0.8 < pelvis.z < 1.0
 
 
-NEXT_RUN = 2**32 - 1
-
-
-class OnBus(Rig):
-    """A driven person, and a sensor without noise."""
-
-    def __init__(self):
-        scenario = Scenario(
-            robot=load_robot(),
-            sensor=SensorConfig(position_std_m=0.0, yaw_std_deg=0.0),
-            target=TargetConfig(path=Driven(timeout_s=0.05)),
-        )
-        super().__init__("target", scenario, keys.TARGET_ODOM, keys.OBSERVATION)
-
-    def tick(self, tick, y=0.0, run=1):
-        """Return the outputs of a tick with the true robot at `y` [m]."""
-        truth = planar_odometry(Time(), "world", "base_link", Pose2D(y=y), Twist2D())
-        return self.put(keys.GROUND_TRUTH, truth, self.at(tick, run))
-
-    def assert_walks(self, run=1):
-        """Drive the person for four ticks, without a stamp, and look at them in the last."""
-        self.bus.put_bytes("target/cmd_vel", b'{"linear":{"x":1.0}}')
-        for tick in range(1, 4):
-            (odom,) = self.tick(tick, run=run)
-            assert (odom.key, odom.stamp) == ("target/odom", self.at(tick, run))
-            assert odom.message.pose.pose.position.x == pytest.approx(0.01 * tick)
-        _, frame = self.tick(4, 1.0, run)
-        assert (frame.key, frame.stamp) == ("target/observation", self.at(4, run))
-        assert frame.message.poses[0].pose.to_planar() == pytest.approx((0.04, -1.0, 0.0))
-
-
 TRUTH = planar_odometry(Time(1), "world", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
 COMMAND = Twist.planar(Twist2D(0.1, 0.2, 0.3))
 
 
 @forged({"ground_truth/odom": [TRUTH], "target/cmd_vel": [COMMAND]})
 def test_hostile_samples_do_no_lasting_harm(wrong):
-    rig = OnBus()
-    rig.tick(0)
+    exact = SensorConfig(position_std_m=0.0, yaw_std_deg=0.0)
+    scenario = Scenario(NEXUS, sensor=exact, target=TargetConfig(path=DRIVEN))
+    rig = Rig("target", scenario, keys.TARGET_ODOM, keys.OBSERVATION)
+
+    def run(number, tick, robot=ORIGIN):
+        """Return the outputs of a tick of a run."""
+        truth = planar_odometry(Time(), "world", "base_link", robot, Twist2D())
+        return rig.put(keys.GROUND_TRUTH, truth, rig.at(tick, number))
+
+    run(1, 0)
     rig.put_wrong(wrong)
-    for sample in rig.tick(5):
+    for sample in run(1, 5):
         assert_sendable(sample)
-    assert rig.tick(0, run=NEXT_RUN)[0].message.pose.pose.to_planar() == Pose2D()
-    rig.assert_walks(NEXT_RUN)
+    last = 2**32 - 1
+    assert run(last, 0)[0].message.pose.pose.to_planar() == Pose2D()
+    rig.bus.put_bytes("target/cmd_vel", b'{"linear":{"x":1.0}}')
+    for tick in range(1, 4):
+        (odom,) = run(last, tick)
+        assert (odom.key, odom.stamp) == ("target/odom", rig.at(tick, last))
+        assert odom.message.pose.pose.position.x == pytest.approx(0.01 * tick)
+    _, frame = run(last, 4, Pose2D(y=1.0))
+    assert (frame.key, frame.stamp) == ("target/observation", rig.at(4, last))
+    assert frame.message.poses[0].pose.to_planar() == pytest.approx((0.04, -1.0, 0.0))
 
 
 WALKERS = (
