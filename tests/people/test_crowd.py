@@ -25,18 +25,14 @@ def walk(errands, seconds, others=lambda t: (), obstacles=()):
     return places
 
 
-def errand(x, goal, speed=1.3):
-    yaw = math.atan2(goal[1], goal[0] - x)
-    return Errand(Pose2D(x, 0.0, yaw), (goal,), False, speed)
-
-
 def test_pedestrian_avoids_standing_and_moving_robots():
+    errand = Errand(Pose2D(), ((8.0, 0.0),), False, 1.3)
     for speed in (0.0, -0.5):
 
         def robot(t, speed=speed):
             return (Agent(4.0 + speed * t, 0.05, speed, 0.0, 0.45),)
 
-        places = walk([errand(0.0, (8.0, 0.0))], 10.0, robot)
+        places = walk([errand], 10.0, robot)
         gaps = [
             math.hypot(one.x - 4.0 - speed * DT_S * n, one.y - 0.05)
             for n, (one,) in enumerate(places, 1)

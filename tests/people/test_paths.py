@@ -5,11 +5,10 @@ import math
 import re
 from contextlib import redirect_stdout
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import error_of
+from harness import ROOT, error_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mecazen.config.people import (
@@ -56,7 +55,6 @@ PATHS = {
 }
 
 
-GAIT = Gait(sway_m=0.03, speed_ripple=0.1, step_length_m=0.5)
 CELL_S = 0.005
 """Duration of a constant velocity within a script."""
 
@@ -139,7 +137,8 @@ def test_lemniscate_has_its_known_length_and_curvature(side):
 
 def test_gait_sways_each_stride_and_pulses_each_step():
     path = make_path(Straight(speed_m_s=1.0))
-    steps = [with_gait(path.at(t), GAIT) for t in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    gait = Gait(sway_m=0.03, speed_ripple=0.1, step_length_m=0.5)
+    steps = [with_gait(path.at(t), gait) for t in (0.0, 0.25, 0.5, 0.75, 1.0)]
     # Left over one foot, right over the other; fastest as the feet change.
     assert [m.pose.y for m in steps] == pytest.approx([0.0, 0.03, 0.0, -0.03, 0.0], abs=1e-12)
     assert [m.twist.x for m in steps] == pytest.approx([1.1, 0.9, 1.1, 0.9, 1.1])
@@ -176,29 +175,20 @@ def test_any_waypoints_are_walked_or_refused(points):
     assert ends[1] == pytest.approx(points[-1], abs=1e-9)
 
 
-WALKERS = range(8)
-SECONDS = 40.0
+def test_a_number_is_a_walker():
+    def motions(number, start_after_s=0.0):
+        path = make_path(Wander(number=number, duration_s=40.0, start_after_s=start_after_s))
+        return [path.at(start_after_s + 0.1 * k) for k in range(400)]
 
-
-def motions(number, start_after_s=0.0):
-    path = make_path(Wander(number=number, duration_s=SECONDS, start_after_s=start_after_s))
-    return [path.at(start_after_s + 0.1 * k) for k in range(round(SECONDS / 0.1))]
-
-
-@pytest.fixture(scope="module")
-def walks():
-    return [motions(number) for number in WALKERS]
-
-
-def test_a_number_is_a_walker(walks):
+    walks = [motions(number) for number in range(8)]
     assert motions(3) == walks[3]
     # the start shifts the cells of 5 ms by its rounding
     assert motions(3, 1.0)[-1].pose == pytest.approx(walks[3][-1].pose, abs=1e-3)
-    assert len({walk[-1].pose for walk in walks}) == len(WALKERS)
+    assert len({walk[-1].pose for walk in walks}) == len(walks)
 
 
 SMOOTHING_S = 0.8
-WALKS = Path(__file__).parents[2] / "configs" / "walks"
+WALKS = ROOT / "configs" / "walks"
 
 # Between two knots of the heading a monotone cubic is at most 1.5 times as steep as its secant.
 YAW_RATE_LIMIT = 1.5 * MAX_YAW_RATE

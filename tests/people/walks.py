@@ -1,6 +1,7 @@
 """Walks, footfalls, independent angles and derivatives for the tests of people."""
 
 import math
+from itertools import groupby
 
 import numpy as np
 from mecazen.geometry import Pose2D, Twist2D
@@ -37,16 +38,9 @@ def drive(walker, *legs, dt=0.01):
 
 
 def stances(postures, side):
-    """Yield the postures of each whole stance of a side (0 left, 1 right)."""
-    stance = None
-    for posture in postures:
-        if posture.standing[side]:
-            if stance is not None:
-                stance.append(posture)
-        else:
-            if stance:
-                yield stance
-            stance = []
+    """Return the postures of each whole stance of a side (0 left, 1 right)."""
+    phases = [(stands, [*part]) for stands, part in groupby(postures, lambda p: p.standing[side])]
+    return [part for stands, part in phases[1:-1] if stands]
 
 
 def slip(postures):
@@ -88,15 +82,6 @@ def angles(posture):
             math.asin(-(sole @ shank) / np.linalg.norm(sole) / np.linalg.norm(shank)),
         ]
     return np.array(found)
-
-
-def curve_errors(walker, postures, speed):
-    """Return the differences (n, 6) of the angles from the person's curves [deg]."""
-    wanted = [
-        [angle for side in (0, 1) for angle in walker.style.angles(side, speed, p.phases[side])]
-        for p in postures
-    ]
-    return np.degrees(np.array([p.angles for p in postures]) - wanted)
 
 
 def differences(path, gait, t, dt):
