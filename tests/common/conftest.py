@@ -3,7 +3,7 @@
 import secrets
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from types import SimpleNamespace
 
 import pytest
@@ -75,7 +75,7 @@ class Pair:
         if self.is_local:
             yield
             return
-        thread = threading.Thread(target=run_bus, args=(self.near,))
+        thread = threading.Thread(target=self._run)
         thread.start()
         try:
             yield
@@ -84,17 +84,14 @@ class Pair:
             thread.join(COMMAND_GUARD_S)
             assert not thread.is_alive()
 
+    def _run(self) -> None:
+        with suppress(StoppedError):
+            while True:
+                self.near.spin_once()
+
     def _on_end(self, message: String, stamp: Stamp | None) -> None:
         del message, stamp
         self._ended += 1
-
-
-def run_bus(bus: Bus) -> None:
-    try:
-        while True:
-            bus.spin_once()
-    except StoppedError:
-        pass
 
 
 @pytest.fixture(params=["local", "zenoh"])

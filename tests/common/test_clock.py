@@ -1,9 +1,10 @@
 """Simulated time: what advances, holds, steps and resets a world, its schedule, and its pace."""
 
+import harness
 import msgspec
 import pytest
 from carts import Carts
-from harness import Listener, load_robot, wait
+from harness import load_robot, wait
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import Bus, StoppedError
@@ -20,8 +21,6 @@ from mecazen.messages import (
     Time,
     Twist,
 )
-from mecazen.runtime.clock import Clock
-from mecazen.runtime.host import Host
 from mecazen.runtime.pace import (
     TICKS_APART,
     Pace,
@@ -51,16 +50,14 @@ class Answer:
         self.error = reason
 
 
-class Rig:
+class Rig(harness.Rig):
     """The clock at the first tick of a run; the test answers its ticks."""
 
     def __init__(self, services=ALL, begin=True, **sim):
         sim = SimConfig(**{"mode": "lockstep", "answer_timeout_s": 1e-3, **sim})
-        self.scenario = Scenario(load_robot(), services, seed=3, sim=sim)
-        self.bus = Bus()
-        self.clock = Clock(Host([("physics", "")], self.bus, self.scenario, {"physics": Carts}))
-        self.samples = Listener(self.bus, *STATES)
-        self.health = Listener(self.bus, keys.diagnostics("physics"))
+        scenario = Scenario(load_robot(), services, seed=3, sim=sim)
+        super().__init__("physics", scenario, *STATES, kinds={"physics": Carts})
+        self.clock = self.driver
         for part in services:
             self.bus.declare_alive(part)
         if begin:

@@ -5,7 +5,7 @@ import re
 
 import msgspec
 import pytest
-from harness import Rig, error_of, forward
+from harness import SCENARIOS, Rig, error_of, forward
 from mecazen import keys
 from mecazen import messages as m
 from mecazen.bus import StoppedError
@@ -204,10 +204,9 @@ def fail(*_):
     raise ZeroDivisionError("by\nzero")
 
 
-METHODS = ("__init__", "reset", "step", "configure", "answer", "diagnostics", "close")
-
-
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method", ["__init__", "reset", "step", "configure", "answer", "diagnostics", "close"]
+)
 def test_an_error_in_a_user_node_is_one_line_with_its_place(rig, method):
     kind = type("Faulty", (Follower,), {method: fail})
 
@@ -244,18 +243,14 @@ def test_a_wrong_output_of_a_user_node_is_refused(rig, outputs, line):
     assert error_of(NodeError, lambda: put_odom(wrong, 5)).startswith(line)
 
 
-def test_a_part_belongs_to_a_robot_unless_all_robots_share_it(write_scenario):
-    text = "[[robots]]\nname = 'one'\n[[robots]]\nname = 'two'\nstart = {y_m = 1.5}\n"
-    scenario = load_scenario(write_scenario(text))
+def test_a_part_belongs_to_a_robot_unless_all_robots_share_it():
+    scenario = load_scenario(SCENARIOS / "convoy.toml")
     assert part_of("physics", scenario, "") is scenario
     assert part_of("target", scenario, "two") == scenario.of("two")
     with pytest.raises(ConfigError, match=r"^target: of which robot. --robot takes one or two$"):
         part_of("target", scenario, "")
     with pytest.raises(ConfigError, match=r"^--robot one: there is one physics for all robots$"):
         part_of("physics", scenario, "one")
-
-
-TICK_NS = 10_000_000
 
 
 class Viewer(Watcher):
@@ -267,23 +262,8 @@ def viewer(bus, scenario):
     return Viewer(bus, scenario)
 
 
-@pytest.fixture
-def reports(bus, viewer):
-    """Return the list of health reports: each status, with its values as a table."""
-    reports = []
-
-    def on_report(array, stamp):
-        assert array.header.stamp == stamp.time
-        (status,) = array.status
-        assert status.name == viewer.name
-        reports.append((status, {pair.key: pair.value for pair in status.values}))
-
-    bus.subscribe(diagnostics("toy"), on_report)
-    return reports
-
-
 def at(tick, run=1, seed=9):
-    return Stamp(tick * TICK_NS, run, seed)
+    return Stamp(tick * 10_000_000, run, seed)
 
 
 def test_neither_ended_runs_nor_open_topics_begin_a_run(viewer, bus, put):
@@ -306,18 +286,26 @@ def test_neither_ended_runs_nor_open_topics_begin_a_run(viewer, bus, put):
         viewer.run()
 
 
-def test_rates_and_ages_of_inputs_are_reported(bus, put, reports):
+@pytest.mark.usefixtures("viewer")
+def test_rates_and_ages_of_inputs_are_reported(bus, put):
+    reports = []
+
+    def on_report(array, stamp):
+        (status,) = array.status
+        assert (status.name, array.header.stamp) == ("toy", stamp.time)
+        reports.append({pair.key: pair.value for pair in status.values})
+
+    bus.subscribe(diagnostics("toy"), on_report)
     for tick in range(301):
         put(CLOCK, Clock(), at(tick))
         if 100 <= tick < 200 and tick % 4 == 0:
             put(CMD_VEL, forward(0.1), at(tick))
         if tick == 250:
             bus.put_bytes("cmd_vel", b"{}")  # is as old as the tick in which it came
-    columns = {key: [values.get(key) for _, values in reports] for key in reports[-1][1]}
+    columns = {key: [values.get(key) for values in reports] for key in reports[-1]}
     assert columns["hz/clock"] == [None, "100.0", "100.0", "100.0"]
     assert columns["hz/cmd_vel"] == [None, "0.0", "25.0", "1.0"]
     assert columns["age_s/cmd_vel"] == [None, "never", "0.04", "0.5"]
     for tick in range(101):  # a new run begins with inputs that never came
         put(CLOCK, Clock(), at(tick, run=2))
-    values = reports[-1][1]
-    assert (values["hz/cmd_vel"], values["age_s/cmd_vel"]) == ("0.0", "never")
+    assert (reports[-1]["hz/cmd_vel"], reports[-1]["age_s/cmd_vel"]) == ("0.0", "never")
