@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from harness import ROOT
 from mecazen.portable import (
     arctan2,
     exp,
@@ -17,7 +18,6 @@ from mecazen.portable import (
     tan,
 )
 
-ROOT = Path(__file__).parents[2]
 COMPUTES_TRAJECTORIES = (
     *("common", "people", "gym", "services/physics", "services/controller", "services/target"),
     *("services/sensors", "services/guard", "services/follower"),

@@ -37,8 +37,6 @@ def test_settings_of_python_are_values(scenario):
     settings = {"robot": ROBOTS / "artbul.toml", "sim.speed": np.float64(2.0), "follower": {}}
     loaded = with_settings(scenario, settings | {"follower.planner": None, "start": scenario.start})
     assert (loaded.robot.name, loaded.sim.speed, loaded.seed) == ("artbul", 2.0, scenario.seed)
-    line = error_of(ConfigError, lambda: with_settings(scenario, {"seed": object()}))
-    assert line.startswith("seed: got <object object")
 
 
 def test_a_scenario_changes_parts_of_files(write_scenario, tmp_path):

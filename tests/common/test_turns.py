@@ -24,7 +24,7 @@ from mecazen.row import Row, due, every, latest
 from mecazen.wire import encode
 from toys import Toy, user_nodes
 
-A, B, D, E, L = (Topic(key, String, "", open=key in "de") for key in "abdel")
+A, B, D, L = (Topic(key, String, "", open=key == "d") for key in "abdl")
 EVERY, BOTH, DUE = (every(A),), (every(A), every(B)), (every(A), due(D))
 REVISED, BEFORE = (every(A), due(D, revises=True)), (every(A), due(D, before=True))
 LOCKSTEP, REAL_TIME = (SimConfig(mode=mode) for mode in ("lockstep", "real_time"))
@@ -99,7 +99,7 @@ def make_rig(inputs, mode, **periods):
 
 def put(rig, name):
     """Publish a sample named by its topic, its tick if it has a stamp, and any mark: d3x."""
-    topic = next(topic for topic in (A, B, D, E, L) if topic.key == name[0])
+    topic = next(topic for topic in (A, B, D, L) if topic.key == name[0])
     if tick := re.sub(r"\D", "", name):
         rig.put(topic, String(data=name), int(tick))
     else:

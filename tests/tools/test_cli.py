@@ -47,17 +47,9 @@ def test_samples_are_written_and_read_as_json(monkeypatch):
         spin_once=spin_once,
     )
     monkeypatch.setattr(talk, "tool_bus", lambda _: nullcontext(bus))
-    drive = [
-        "pub",
-        "cmd_vel",
-        '{"linear":{"x":0.5}}',
-        "--rate",
-        "1000",
-        "--duration",
-        "0.003",
-    ]
-    published = CliRunner().invoke(app.app, drive)
-    assert samples == [("cmd_vel", drive[2].encode(), "application/json")] * 3
+    drive = 'pub cmd_vel {"linear":{"x":0.5}} --rate 1000 --duration 0.003'
+    published = CliRunner().invoke(app.app, drive.split())
+    assert samples == [("cmd_vel", b'{"linear":{"x":0.5}}', "application/json")] * 3
     assert not published.stderr
     shown = CliRunner().invoke(app.app, ["echo", "my/key", "--count", "1"])
     assert shown.stdout == "[1,2]\n"

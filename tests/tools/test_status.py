@@ -24,8 +24,6 @@ SCENARIO = String(data=f"services = {[*PARTS]}\nrobots = []")
 REPORTS = {
     "physics": {
         "missed_deadlines": "3",
-        "hz/joint_command": "99.5",
-        "age_s/joint_command": "0.01",
         "hz/target/odom": "0.0",
         "age_s/target/odom": "never",
         "refused_payloads": "inf",
