@@ -11,7 +11,6 @@ from drawn import KINDS, drawn, plain
 from harness import error_of, forward
 from hypothesis import given
 from hypothesis import strategies as st
-from mecazen import messages
 from mecazen import messages as m
 from mecazen.errors import RefusedError
 from mecazen.geometry import Pose2D, wrap
@@ -45,7 +44,7 @@ def test_messages_have_the_same_bits_after_the_wire(data):
 
 @given(st.floats(-math.pi, math.pi), finite, finite)
 def test_a_planar_pose_round_trips(yaw, x, y):
-    message = messages.Pose.planar(Pose2D(x, y, yaw))
+    message = m.Pose.planar(Pose2D(x, y, yaw))
     assert (message.position.z, message.orientation.x, message.orientation.y) == (0.0, 0.0, 0.0)
     pose = message.to_planar()
     assert (pose.x, pose.y) == (x, y)
@@ -63,14 +62,14 @@ def test_the_yaw_of_a_tilted_quaternion_of_any_length(yaw, pitch, roll, length):
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    orientation = messages.Quaternion(
+    orientation = m.Quaternion(
         x=length * (sr * cp * cy - cr * sp * sy),
         y=length * (cr * sp * cy + sr * cp * sy),
         z=length * (cr * cp * sy - sr * sp * cy),
         w=length * (cr * cp * cy + sr * sp * sy),
     )
     # at a pitch of 1.5 the yaw is read from numbers of cos(1.5) = 0.07: 15 times the rounding
-    planar = messages.Pose(orientation=orientation).to_planar()
+    planar = m.Pose(orientation=orientation).to_planar()
     assert abs(wrap(planar.yaw - yaw)) < 1e-13
 
 
