@@ -3,7 +3,7 @@
 import secrets
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from types import SimpleNamespace
 
 import pytest
@@ -24,9 +24,8 @@ def open_bus(router):
     random = f"test{secrets.token_hex(6)}"
     buses = []
 
-    def open_one(mode="peer", namespace=random, **settings):
-        config = BusConfig(connect=(router,), namespace=namespace, **settings)
-        buses.append(ZenohBus(config, mode))
+    def open_one(namespace=random):
+        buses.append(ZenohBus(BusConfig(connect=(router,), namespace=namespace)))
         return buses[-1]
 
     yield open_one
@@ -94,22 +93,20 @@ class Pair:
         self._ended += 1
 
 
-@pytest.fixture(params=["local", "zenoh"])
-def pair(request):
-    with ExitStack() as stack:
-        if request.param == "local":
-            bus = Bus()
-            stack.callback(bus.close)
-            yield Pair(bus, bus)
-        else:
-            open_one = request.getfixturevalue("open_bus")
-            yield Pair(open_one(), open_one())
-
-
 @pytest.fixture
 def bus():
     """A bus within this process."""
     return Bus()
+
+
+@pytest.fixture
+def zenoh_pair(open_bus):
+    return Pair(open_bus(), open_bus())
+
+
+@pytest.fixture(params=["local", "zenoh"])
+def pair(request, bus):
+    return Pair(bus, bus) if request.param == "local" else request.getfixturevalue("zenoh_pair")
 
 
 @pytest.fixture
@@ -129,8 +126,3 @@ def wall(monkeypatch):
 
     monkeypatch.setattr("mecazen.runtime.pace.time", SimpleNamespace(monotonic=monotonic))
     return wall
-
-
-@pytest.fixture
-def zenoh_pair(open_bus):
-    return Pair(open_bus(), open_bus())

@@ -187,11 +187,11 @@ def test_curves_lie_within_the_spread_of_healthy_adults():
             assert angle == pytest.approx(published, abs=1.25 * SPREAD[name] + 0.5), percent
 
 
-def footfalls(postures, dt=0.01):
+def footfalls(postures):
     """Return time, side and place of the heel strikes of a settled walk."""
     return [
-        (k * dt, side, postures[k].joints[INDEX[f"{name}_heel"], 0])
-        for k in range(round(SETTLED_S / dt), len(postures))
+        (0.01 * k, side, postures[k].joints[INDEX[f"{name}_heel"], 0])
+        for k in range(round(SETTLED_S / 0.01), len(postures))
         for side, name in enumerate(SIDES)
         if postures[k].standing[side] and not postures[k - 1].standing[side]
     ]

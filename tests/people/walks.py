@@ -18,13 +18,11 @@ def joint(postures, name):
     return np.array([posture.joints[INDEX[name]] for posture in postures])
 
 
-def walk(walker, path, duration, dt=0.01):
-    """Return the postures on a configured path, one each `dt` [s]."""
-    path = make_path(path)
-    postures = [walker.reset(path.at(0.0))]
-    for k in range(1, round(duration / dt) + 1):
-        postures.append(walker.step(path.at(k * dt), dt))
-    return postures
+def walk(walker, path, duration):
+    """Return the postures on a configured path, one each 10 ms."""
+    path, dt = make_path(path), 0.01
+    steps = range(1, round(duration / dt) + 1)
+    return [walker.reset(path.at(0.0)), *(walker.step(path.at(k * dt), dt) for k in steps)]
 
 
 def drive(walker, *legs, dt=0.01):

@@ -6,7 +6,7 @@ import pytest
 from harness import SCENARIOS, Rig, Steps, assert_sendable, load_robot
 from hostile import forged
 from mecazen import keys
-from mecazen.config import Scenario, SensorConfig, SimConfig, TargetConfig
+from mecazen.config import Scenario, SensorConfig, TargetConfig
 from mecazen.config.people import Circle, Driven, Gait, Goal, Standing, Straight
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import of_robot
@@ -38,11 +38,10 @@ DRIVEN = Driven(timeout_s=0.05)
 class Target(Steps):
     """A person on a path; the sensor is exact by default."""
 
-    def __init__(self, path, gait=None, tick_s=0.01, seed=1, **sensor):
+    def __init__(self, path, gait=None, seed=1, **sensor):
         scenario = Scenario(
             robot=NEXUS,
             seed=seed,
-            sim=SimConfig(tick_s=tick_s),
             sensor=SensorConfig(**{"position_std_m": 0.0, "yaw_std_deg": 0.0, **sensor}),
             target=TargetConfig(path=path, gait=gait),
         )
