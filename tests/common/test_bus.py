@@ -16,7 +16,6 @@ from mecazen.bus.zenoh_bus import SAMPLE_BYTES
 from mecazen.config import BusConfig
 from mecazen.errors import BusError
 from mecazen.keys import Call
-from mecazen.messages import Clock, Empty, Image, Odometry, SimState, Time, Twist
 from mecazen.wire import JSON_ENCODING, MAX_SAMPLE_BYTES, Stamp, decode
 
 STAMP = Stamp(10_000_000, 3, 7)
@@ -144,11 +143,11 @@ def flood(zenoh_pair):
 
     def run(put):
         # the answer comes after the samples on the same link: all have arrived when it is there
-        call = Call(f"test/{secrets.token_hex(3)}", Empty, SimState, "a test", "")
-        zenoh_pair.near.serve(call, lambda _, reply: (put(), reply.answer(SimState())))
+        call = Call(f"test/{secrets.token_hex(3)}", m.Empty, m.SimState, "a test", "")
+        zenoh_pair.near.serve(call, lambda _, reply: (put(), reply.answer(m.SimState())))
         zenoh_pair.link()
         with zenoh_pair.serving():
-            zenoh_pair.far.call(call, Empty())
+            zenoh_pair.far.call(call, m.Empty())
 
     return run
 
@@ -159,7 +158,7 @@ def test_a_newer_sample_replaces_one_that_waits_and_with_every_it_does_not(zenoh
     near.subscribe(keys.CLOCK, lambda clock, _: latest.append(clock.clock.sec))
     near.subscribe(keys.CLOCK, lambda clock, _: every.append(clock.clock.sec), every=True)
     clocks = far.publisher(keys.CLOCK)
-    flood(lambda: [clocks.put(Clock(Time(tick)), STAMP) for tick in range(1, 101)])
+    flood(lambda: [clocks.put(m.Clock(m.Time(tick)), STAMP) for tick in range(1, 101)])
     near.drain()
     assert latest == [100]
     assert near.lost == {"clock": 99}
@@ -191,9 +190,9 @@ def test_a_full_picture_fits_and_a_longer_one_is_not_sent(zenoh_pair, caplog):
     )
     zenoh_pair.link()
     pixels = bytes(1920 * 1080 * 2)  # 16 bits a pixel, the largest picture of the configuration
-    far.publisher(keys.DEPTH).put(Image(data=pixels), STAMP)
+    far.publisher(keys.DEPTH).put(m.Image(data=pixels), STAMP)
     wait(near, lambda: sizes == [len(pixels)])
-    far.publisher(keys.DEPTH).put(Image(data=2 * pixels), STAMP)
+    far.publisher(keys.DEPTH).put(m.Image(data=2 * pixels), STAMP)
     wait(near, lambda: nothing == [STAMP])
     assert (far.refused, near.refused) == ({"camera/depth": 1}, {})
     assert "not sent: 11059327 bytes, at most 6291456" in caplog.text
@@ -223,7 +222,7 @@ def test_a_service_is_heard_by_its_session(open_bus):
         bus.declare_alive(f"node {frame}")
         wait(bus, lambda: "ear" in bus.presence.names)
         count = len(frames) + ear.refused["odom"]
-        bus.publisher(keys.ODOM).put(Odometry(child_frame_id=frame), STAMP)
+        bus.publisher(keys.ODOM).put(m.Odometry(child_frame_id=frame), STAMP)
         wait(ear, lambda: len(frames) + ear.refused["odom"] > count)
 
     publish(open_bus(), "early")
@@ -244,7 +243,7 @@ def test_bytes_of_this_process_and_others_arrive_and_keys_of_ros_do_not(zenoh_pa
     near, far, samples = zenoh_pair.near, zenoh_pair.far, []
     near.subscribe_bytes("**/cmd_vel/**", lambda *sample: samples.append(sample))
     zenoh_pair.link()
-    near.publisher(keys.CMD_VEL).put(Twist(), STAMP)
+    near.publisher(keys.CMD_VEL).put(m.Twist(), STAMP)
     wait(near, lambda: samples)
     far.put_bytes("0/cmd_vel/geometry_msgs::msg::dds_::Twist_/RIHS01_0", b"")
     far.put_bytes("two/cmd_vel", b"\xff", "image/png", b"any")
@@ -309,7 +308,7 @@ def ask(open_bus, router):
                 if reply is not None:
                     replies.append(reply)
 
-        bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(SimState(tick=7)))
+        bus.serve(keys.SIM_STATE, lambda _, reply: reply.answer(m.SimState(tick=7)))
         while not run("sim/state"):  # the session has not yet discovered the server
             pass
         yield bus, run
@@ -317,7 +316,7 @@ def ask(open_bus, router):
 
 def test_a_query_on_an_expression_reads_and_changes_nothing(ask):
     (bus, run), resets = ask, []
-    bus.serve(keys.SIM_RESET, lambda _, reply: (resets.append(1), reply.answer(SimState())))
+    bus.serve(keys.SIM_RESET, lambda _, reply: (resets.append(1), reply.answer(m.SimState())))
     bus.serve_files("robot_description", {"a.stl": b"mesh"})
     while not run("robot_description/a.stl"):  # discovered after what was declared before it
         pass
@@ -335,12 +334,12 @@ def test_a_query_on_an_expression_reads_and_changes_nothing(ask):
 
 def test_wrong_requests_are_errors_and_empty_ones_defaults(ask):
     bus, run = ask
-    bus.serve(keys.SIM_STEP, lambda request, reply: reply.answer(SimState(tick=request.ticks)))
+    bus.serve(keys.SIM_STEP, lambda request, reply: reply.answer(m.SimState(tick=request.ticks)))
     while not run("sim/step"):
         pass
     for payload in (b"", b" \n", b"{}"):
         (reply,) = run("sim/step", payload)
-        assert decode(reply.ok.payload.to_bytes(), SimState).tick == 1
+        assert decode(reply.ok.payload.to_bytes(), m.SimState).tick == 1
     for count, payload in enumerate((b'{"ticks":0}', b'{"ticks":"x"}', b"x", b"[]", b"\xc0"), 1):
         (reply,) = run("sim/step", payload)
         assert reply.err.payload.to_string().startswith("not a mecazen_msgs/msg/StepRequest: ")

@@ -11,16 +11,6 @@ from mecazen.bus import Bus, StoppedError
 from mecazen.config import RobotConfig, Scenario, SimConfig, StartConfig
 from mecazen.errors import BusError, MecazenError
 from mecazen.loading import to_toml
-from mecazen.messages import (
-    Empty,
-    JointState,
-    Odometry,
-    ResetRequest,
-    SpeedRequest,
-    StepRequest,
-    Time,
-    Twist,
-)
 from mecazen.runtime.pace import (
     TICKS_APART,
     Pace,
@@ -67,7 +57,7 @@ class Rig(harness.Rig):
         """Answer the tick for the controller, the target or both."""
         for part in parts or ("controller", "target"):
             topic = keys.JOINT_COMMAND if part == "controller" else keys.TARGET_ODOM
-            message = JointState(velocity=(1.0,)) if part == "controller" else Odometry()
+            message = m.JointState(velocity=(1.0,)) if part == "controller" else m.Odometry()
             self.bus.publisher(topic).put(message, stamp or self.clock.stamp)
 
     def tick(self, *parts):
@@ -99,7 +89,7 @@ def test_each_tick_is_published_and_moved_by_its_answers():
         assert [sample.key for sample in samples] == [topic.key for topic in STATES]
         stamp = Stamp(tick * TICK_NS, rig.clock.stamp.run, 3)
         assert {sample.stamp for sample in samples} == {stamp}
-        assert samples[0].message == m.Clock(clock=Time(nanosec=tick * TICK_NS))
+        assert samples[0].message == m.Clock(clock=m.Time(nanosec=tick * TICK_NS))
         # at 1 m/s from the first answer on; a sum of ticks, not a product
         assert x_of(samples) == pytest.approx(0.01 * tick, rel=1e-12)
         samples = rig.tick()
@@ -132,34 +122,34 @@ def test_in_real_time_a_run_begins_without_observers(monkeypatch, caplog, wall):
 def test_pause_holds_time_until_resume():
     rig = Rig()
     rig.tick()
-    paused = rig.bus.call(keys.SIM_PAUSE, Empty())
-    assert (paused.paused, paused.tick, paused.clock) == (True, 1, Time(nanosec=TICK_NS))
+    paused = rig.bus.call(keys.SIM_PAUSE, m.Empty())
+    assert (paused.paused, paused.tick, paused.clock) == (True, 1, m.Time(nanosec=TICK_NS))
     assert (paused.speed, paused.mode, paused.seed) == (1.0, "lockstep", 3)
-    assert rig.bus.call(keys.SIM_SCENARIO, Empty()).data == to_toml(rig.scenario)
+    assert rig.bus.call(keys.SIM_SCENARIO, m.Empty()).data == to_toml(rig.scenario)
     assert [rig.tick(), rig.tick()] == [[], []]  # no event can end the pause, so it does not wait
-    assert rig.bus.call(keys.SIM_STATE, Empty()) == paused
+    assert rig.bus.call(keys.SIM_STATE, m.Empty()) == paused
     # a query that arrives within the step ends the pause
-    rig.bus.subscribe(keys.CMD_VEL, lambda *_: rig.bus.call(keys.SIM_RESUME, Empty()) and None)
-    rig.bus.publisher(keys.CMD_VEL).put(Twist(), rig.clock.stamp)
-    assert rig.tick()[0].message.clock == Time(nanosec=2 * TICK_NS)
+    rig.bus.subscribe(keys.CMD_VEL, lambda *_: rig.bus.call(keys.SIM_RESUME, m.Empty()) and None)
+    rig.bus.publisher(keys.CMD_VEL).put(m.Twist(), rig.clock.stamp)
+    assert rig.tick()[0].message.clock == m.Time(nanosec=2 * TICK_NS)
 
 
 def test_stepping_makes_a_number_of_ticks_but_none_after_the_last():
     rig = Rig(ALONE, duration_s=0.06)
-    assert rig.ask(keys.SIM_STEP, StepRequest()).error == "not paused: `mecazen sim pause` first"
-    rig.bus.call(keys.SIM_PAUSE, Empty())
-    stepping = rig.ask(keys.SIM_STEP, StepRequest(ticks=3))
-    assert rig.ask(keys.SIM_STEP, StepRequest()).error == "still stepping"
+    assert rig.ask(keys.SIM_STEP, m.StepRequest()).error == "not paused: `mecazen sim pause` first"
+    rig.bus.call(keys.SIM_PAUSE, m.Empty())
+    stepping = rig.ask(keys.SIM_STEP, m.StepRequest(ticks=3))
+    assert rig.ask(keys.SIM_STEP, m.StepRequest()).error == "still stepping"
     assert [len(rig.tick()) for _ in range(2)] == [6, 3]
     assert stepping.message is None
     assert [len(rig.tick()) for _ in range(2)] == [3, 0]
     assert (stepping.message.tick, stepping.message.paused) == (3, True)
-    to_the_end = rig.ask(keys.SIM_STEP, StepRequest(ticks=100))
+    to_the_end = rig.ask(keys.SIM_STEP, m.StepRequest(ticks=100))
     assert [len(rig.tick()) for _ in range(3)] == [3, 3, 0]
     assert to_the_end.message.tick == 5
-    late = rig.ask(keys.SIM_STEP, StepRequest())
+    late = rig.ask(keys.SIM_STEP, m.StepRequest())
     assert late.error == "the run has ended: `mecazen sim reset` begins another"
-    rig.bus.call(keys.SIM_RESUME, Empty())
+    rig.bus.call(keys.SIM_RESUME, m.Empty())
     assert rig.tick() == []
 
 
@@ -169,8 +159,8 @@ def test_stepping_makes_a_number_of_ticks_but_none_after_the_last():
 )
 def test_a_query_that_ends_stepping_is_its_reason(call, reason):
     rig = Rig(ALONE)
-    rig.bus.call(keys.SIM_PAUSE, Empty())
-    stepping = rig.ask(keys.SIM_STEP, StepRequest(ticks=1000))
+    rig.bus.call(keys.SIM_PAUSE, m.Empty())
+    stepping = rig.ask(keys.SIM_STEP, m.StepRequest(ticks=1000))
     rig.tick()
     asked = rig.ask(call, call.request())
     rig.tick()
@@ -183,10 +173,10 @@ def test_a_reset_begins_a_run_even_if_an_answer_is_missing(answers):
     rig = Rig()
     rig.tick()
     old = rig.clock.stamp
-    reset = rig.ask(keys.SIM_RESET, ResetRequest(seed=8))
-    assert rig.ask(keys.SIM_RESET, ResetRequest()).error == "already resetting"
+    reset = rig.ask(keys.SIM_RESET, m.ResetRequest(seed=8))
+    assert rig.ask(keys.SIM_RESET, m.ResetRequest()).error == "already resetting"
     samples = rig.tick(*answers)
-    assert (reset.message.tick, reset.message.seed, reset.message.clock) == (0, 8, Time())
+    assert (reset.message.tick, reset.message.seed, reset.message.clock) == (0, 8, m.Time())
     assert samples[0].stamp == rig.clock.stamp == Stamp(0, rig.clock.stamp.run, 8)
     assert rig.clock.stamp.run != old.run
     assert x_of(samples) == 0.0
@@ -200,7 +190,7 @@ def test_health_has_the_clock_and_the_world_once_a_second():
     for _ in range(200):
         rig.tick()
     reports = rig.health.take()
-    assert [sample.message.header.stamp for sample in reports] == [Time(n) for n in range(3)]
+    assert [sample.message.header.stamp for sample in reports] == [m.Time(n) for n in range(3)]
     expected = {"mode": "lockstep", "missed_deadlines": "0", "paused": "False"}
     expected |= {"age_s": "inf", "missed_ticks": "0", "refused_payloads": "0"}
     assert values_of(reports[0]) == expected  # without a real-time factor, of the last second
@@ -213,7 +203,7 @@ def test_in_real_time_a_tick_ends_when_it_is_due(wall):
     wall.step_s = 1e-4  # it advances with each reading
     rig = Rig(("physics", "controller"), mode="real_time", speed=2.0)
     for speed, seconds in ((2.0, 0.1), (0.5, 0.4)):
-        assert rig.bus.call(keys.SIM_SPEED, SpeedRequest(speed=speed)).speed == speed
+        assert rig.bus.call(keys.SIM_SPEED, m.SpeedRequest(speed=speed)).speed == speed
         begin = wall.now
         for _ in range(20):
             rig.tick("controller")
@@ -223,12 +213,12 @@ def test_in_real_time_a_tick_ends_when_it_is_due(wall):
     for _ in range(2):  # the last command holds
         rig.clock.step()
     assert x_of(rig.samples.take()) == pytest.approx(0.42)
-    assert rig.bus.call(keys.SIM_STATE, Empty()).missed_deadlines == 2
-    reset = rig.ask(keys.SIM_RESET, ResetRequest())
+    assert rig.bus.call(keys.SIM_STATE, m.Empty()).missed_deadlines == 2
+    reset = rig.ask(keys.SIM_RESET, m.ResetRequest())
     rig.tick("controller")
     assert reset.message.missed_deadlines == 0
     with pytest.raises(BusError, match="as fast as it can"):
-        Rig(ALONE).bus.call(keys.SIM_SPEED, SpeedRequest(speed=4.0))
+        Rig(ALONE).bus.call(keys.SIM_SPEED, m.SpeedRequest(speed=4.0))
 
 
 PATIENCE_S = 0.2

@@ -22,7 +22,6 @@ from mecazen.keys import (
     diagnostics,
 )
 from mecazen.loading import load_scenario
-from mecazen.messages import Clock, JointState
 from mecazen.row import Row, due, every, latest
 from mecazen.runtime.host import part_of
 from mecazen.wire import Stamp
@@ -268,17 +267,17 @@ def at(tick, run=1, seed=9):
 
 def test_neither_ended_runs_nor_open_topics_begin_a_run(viewer, bus, put):
     for run in (1, 2, 3):
-        put(CLOCK, Clock(), at(2, run=run, seed=run))
+        put(CLOCK, m.Clock(), at(2, run=run, seed=run))
     # a new run resets before its first sample
-    assert viewer.events[-2:] == [3, (Clock(), at(2, run=3, seed=3))]
+    assert viewer.events[-2:] == [3, (m.Clock(), at(2, run=3, seed=3))]
     viewer.events.clear()
     for run in (0, 1, 2):
-        put(JOINT_STATES, JointState(), at(100, run=run))
+        put(JOINT_STATES, m.JointState(), at(100, run=run))
     for run in (0, 1, 2, 3, 4):
         put(CMD_VEL, forward(0.2), at(3, run=run))
     bus.put_bytes("cmd_vel", b'{"linear":{"x":0.3}}')
-    put(JOINT_STATES, JointState(), at(1, run=3))
-    late = (JointState(), at(1, run=3))
+    put(JOINT_STATES, m.JointState(), at(1, run=3))
+    late = (m.JointState(), at(1, run=3))
     assert viewer.events == [(forward(0.2), at(3, run=3)), (forward(0.3), None), late]
     assert viewer.stamp == at(2, run=3, seed=3)
     bus.stop()
@@ -297,7 +296,7 @@ def test_rates_and_ages_of_inputs_are_reported(bus, put):
 
     bus.subscribe(diagnostics("toy"), on_report)
     for tick in range(301):
-        put(CLOCK, Clock(), at(tick))
+        put(CLOCK, m.Clock(), at(tick))
         if 100 <= tick < 200 and tick % 4 == 0:
             put(CMD_VEL, forward(0.1), at(tick))
         if tick == 250:
@@ -307,5 +306,5 @@ def test_rates_and_ages_of_inputs_are_reported(bus, put):
     assert columns["hz/cmd_vel"] == [None, "0.0", "25.0", "1.0"]
     assert columns["age_s/cmd_vel"] == [None, "never", "0.04", "0.5"]
     for tick in range(101):  # a new run begins with inputs that never came
-        put(CLOCK, Clock(), at(tick, run=2))
+        put(CLOCK, m.Clock(), at(tick, run=2))
     assert (reports[-1]["hz/cmd_vel"], reports[-1]["age_s/cmd_vel"]) == ("0.0", "never")

@@ -6,23 +6,12 @@ import pytest
 from harness import SCENARIOS, Rig, Steps, assert_sendable, load_robot
 from hostile import forged
 from mecazen import keys
+from mecazen import messages as m
 from mecazen.config import Scenario, SensorConfig, TargetConfig
 from mecazen.config.people import Circle, Driven, Gait, Goal, Standing, Straight
 from mecazen.geometry import Pose2D, Twist2D
 from mecazen.keys import of_robot
 from mecazen.loading import load_scenario, parse_settings
-from mecazen.messages import (
-    Clock,
-    People,
-    Person,
-    Point,
-    Pose,
-    Skeleton,
-    Time,
-    Twist,
-    diagonal_covariance,
-    planar_odometry,
-)
 from mecazen.parameters import changed
 from mecazen.skeleton import INDEX, JOINTS
 from mecazen.wire import encode
@@ -49,9 +38,9 @@ class Target(Steps):
 
     def tick(self, tick, robot=ORIGIN, command=None, people=None):
         """Return the outputs of a tick in which the robot truly is at a pose."""
-        samples = {keys.GROUND_TRUTH: planar_odometry(Time(), "world", "x", robot, Twist2D())}
+        samples = {keys.GROUND_TRUTH: m.planar_odometry(m.Time(), "world", "x", robot, Twist2D())}
         if command is not None:
-            samples[keys.TARGET_CMD_VEL] = Twist.planar(command)
+            samples[keys.TARGET_CMD_VEL] = m.Twist.planar(command)
         if people is not None:
             samples[keys.PEOPLE] = people
         return self.step(tick, samples)
@@ -62,7 +51,8 @@ class Target(Steps):
 
     def bytes(self, ticks):
         """Return all that is published in some ticks."""
-        return b"".join(encode(m) for k in range(ticks) for m in self.tick(k).values())
+        sent = (message for tick in range(ticks) for message in self.tick(tick).values())
+        return b"".join(map(encode, sent))
 
 
 def pose_of(odom):
@@ -75,7 +65,7 @@ def test_frames_come_at_the_sensors_rate():
         outputs = target.tick(tick)
         assert list(outputs) == [keys.TARGET_ODOM, keys.OBSERVATION][: 1 + (tick % 4 == 0)]
         odom = outputs[keys.TARGET_ODOM]
-        assert odom.header.stamp == Time(nanosec=tick * 10_000_000)
+        assert odom.header.stamp == m.Time(nanosec=tick * 10_000_000)
         assert (odom.header.frame_id, odom.child_frame_id) == ("world", "person")
         assert pose_of(odom) == pytest.approx((2.0, 1.0, math.pi / 2))
 
@@ -89,7 +79,7 @@ def test_frame_has_pose_and_covariance():
         assert frame[keys.OBSERVATION].poses[0].pose.to_planar() == pytest.approx(pose)
         assert frame[keys.OBSERVATION].poses[0].covariance == (0.0,) * 36
     noisy = Target(STANDING, position_std_m=0.1, yaw_std_deg=math.degrees(0.2)).tick(0)
-    covariance = diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
+    covariance = m.diagonal_covariance((0.01, 0.01, 0.0, 0.0, 0.0, 0.04))
     assert noisy[keys.OBSERVATION].poses[0].covariance == pytest.approx(covariance)
 
 
@@ -102,7 +92,7 @@ def test_late_frame_has_stamp_and_poses_of_capture():
         assert pose_of(outputs[keys.TARGET_ODOM]).x == pytest.approx(0.01 * tick)
     assert frames[0].poses == ()  # taken before anything was
     for tick in (4, 8):
-        assert frames[tick].header.stamp == Time(nanosec=(tick - 3) * 10_000_000)
+        assert frames[tick].header.stamp == m.Time(nanosec=(tick - 3) * 10_000_000)
         assert frames[tick].poses[0].pose.position.x == pytest.approx(0.51 * (tick - 3))
 
 
@@ -152,11 +142,11 @@ def test_person_on_a_path_ignores_commands():
 def test_person_with_a_goal_avoids_pedestrians():
     def walk(*others):
         target = Target(Goal(goal_m=(6.0, 0.0), speed_m_s=1.0))
-        crowd = People(persons=(Person(id="target"), *others))
+        crowd = m.People(persons=(m.Person(id="target"), *others))
         outputs = [target.tick(k, Pose2D(2.0), people=crowd) for k in range(800)]
         return [pose_of(one[keys.TARGET_ODOM]) for one in outputs]
 
-    alone, past = walk(), walk(Person(id="walker_1", pose=Pose.planar(Pose2D(3.0, 0.3))))
+    alone, past = walk(), walk(m.Person(id="walker_1", pose=m.Pose.planar(Pose2D(3.0, 0.3))))
     assert max(abs(pose.y) for pose in alone) < 0.25  # fluctuations
     assert min(pose.distance(Pose2D(3.0, 0.3)) for pose in past) > 0.4  # the radii of two bodies
     assert all(walked[-1].distance(Pose2D(6.0)) < 0.6 for walked in (alone, past))
@@ -188,8 +178,8 @@ def test_skeleton_walks_with_the_person():
     assert 0.8 < pelvis.z < 1.0
 
 
-TRUTH = planar_odometry(Time(1), "world", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
-COMMAND = Twist.planar(Twist2D(0.1, 0.2, 0.3))
+TRUTH = m.planar_odometry(m.Time(1), "world", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
+COMMAND = m.Twist.planar(Twist2D(0.1, 0.2, 0.3))
 
 
 @forged({"ground_truth/odom": [TRUTH], "target/cmd_vel": [COMMAND]})
@@ -200,7 +190,7 @@ def test_hostile_samples_do_no_lasting_harm(wrong):
 
     def run(number, tick, robot=ORIGIN):
         """Return the outputs of a tick of a run."""
-        truth = planar_odometry(Time(), "world", "base_link", robot, Twist2D())
+        truth = m.planar_odometry(m.Time(), "world", "base_link", robot, Twist2D())
         return rig.put(keys.GROUND_TRUTH, truth, rig.at(tick, number))
 
     run(1, 0)
@@ -226,7 +216,7 @@ WALKERS = (
 
 
 def moving(x, y):
-    return planar_odometry(Time(), "world", "x", Pose2D(x, y, 0.0), Twist2D(0.5))
+    return m.planar_odometry(m.Time(), "world", "x", Pose2D(x, y, 0.0), Twist2D(0.5))
 
 
 class Crowd(Steps):
@@ -239,11 +229,11 @@ class Crowd(Steps):
         self.names = self.node.scenario.names
 
     def tick(self, tick):
-        samples = {keys.CLOCK: Clock()}
+        samples = {keys.CLOCK: m.Clock()}
         for y, robot in enumerate(self.names):
             samples[of_robot(keys.GROUND_TRUTH, robot)] = moving(-1.0, y)
             samples[of_robot(keys.TARGET_ODOM, robot)] = moving(0.0, y)
-            skeleton = Skeleton(height=1.7, joints=(Point(y=y),) * len(JOINTS))
+            skeleton = m.Skeleton(height=1.7, joints=(m.Point(y=y),) * len(JOINTS))
             samples[of_robot(keys.TARGET_SKELETON, robot)] = skeleton
         return self.step(tick, samples).get(keys.PEOPLE)
 
