@@ -45,11 +45,11 @@ class Mine(Section):
             raise ValueError("bearing_deg and heading_deg must be given together")
 
 
-def scenario_with(*robots, services=("physics", "mine"), **more):
+def scenario_with(*robots, services=("physics", "mine")):
     """Return a scenario with such a section, and with robots by their names and tables."""
     starts = {name: {"y_m": 2.0 * n} for n, (name, _) in enumerate(robots)}
     robot_tables = [{"name": name, "start": starts[name], **tables} for name, tables in robots]
-    tables = {"robot": load_robot(), "services": services, "robots": robot_tables, **more}
+    tables = {"robot": load_robot(), "services": services, "robots": robot_tables}
     return msgspec.convert(msgspec.to_builtins(tables), config.scenario_with(mine=Mine))
 
 

@@ -9,7 +9,6 @@ from mecazen.scan import STRIDE_M, by_person, clusters
 from mecazen.walkers import FORGET_S, GATE_M, LOOKED_S, Walkers
 
 BEAMS = 360
-NOTHING = 13.0
 
 
 def clusters_of(ranges, gap_m=0.1):
@@ -24,7 +23,7 @@ def clusters_of(ranges, gap_m=0.1):
 
 
 def test_a_thing_across_the_first_beam_is_one():
-    ranges = np.full(BEAMS, NOTHING)
+    ranges = np.full(BEAMS, 13.0)  # nothing
     ranges[:3] = ranges[-3:] = 1.0  # behind
     ranges[180:184] = 2.0  # ahead
     groups = clusters_of(ranges)

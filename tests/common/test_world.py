@@ -111,21 +111,18 @@ def encoded(grey, suffix: str, mode: str = "L") -> bytes:
     return file.getvalue()
 
 
-def occupied(boxes, shape, resolution):
-    """Return the cells that boxes cover, the top row first; boxes end at the edges of cells."""
-    cells = np.zeros(shape, bool)
+GREYS = np.array([[0, 40, 65, 100, 205, 254, 255]], "u1")
+
+
+def occupied(boxes):
+    """Return which cells of one row of 0.5 m boxes cover; they end at the edges of cells."""
+    cells = np.zeros(GREYS.size, int)
     for box in boxes:
         (x, y), (length, width, _) = box["position_m"], box["size_m"]
-        left, low, across, up = (
-            round(n / resolution, 6) for n in (x - length / 2, y - width / 2, length, width)
-        )
-        assert all(n == round(n) for n in (left, low, across, up))
-        rows = slice(int(shape[0] - low - up), int(shape[0] - low))
-        cells[rows, int(left) : int(left + across)] = True
-    return cells
-
-
-GREYS = np.array([[0, 40, 65, 100, 205, 254, 255]], "u1")
+        left, right = (x - length / 2) / 0.5, (x + length / 2) / 0.5
+        assert (left % 1.0, right % 1.0, y, width) == (0.0, 0.0, 0.25, 0.5)
+        cells[int(left) : int(right)] = 1
+    return "".join(map(str, cells))
 
 
 @pytest.mark.parametrize(
@@ -142,8 +139,7 @@ GREYS = np.array([[0, 40, 65, 100, 205, 254, 255]], "u1")
 def test_modes_and_thresholds_are_those_of_map_server(changes, expected, tmp_path):
     for suffix, mode in (("PNG", "P"), ("PNG", "RGBA"), ("BMP", "L")):
         path = map_of(tmp_path, encoded(GREYS, suffix, mode), origin="[0, 0, 0]", **changes)
-        cells = occupied(read_map(path), GREYS.shape, 0.5)
-        assert "".join(str(int(cell)) for cell in cells[0]) == expected, (suffix, mode)
+        assert occupied(read_map(path)) == expected, (suffix, mode)
 
 
 @pytest.mark.parametrize(

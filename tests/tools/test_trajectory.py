@@ -14,7 +14,6 @@ from mecazen.messages import FollowerState, Time, Twist, planar_odometry
 from mecazen.wire import Stamp
 from mecazen_tools.trajectory import COLUMNS, Scores, Trajectory
 
-TICK_NS = 10_000_000
 ALL = ("physics", "controller", "target", "follower")
 MOTION = 0.5, 0.25, 1.0
 COMMAND = 0.125, -0.5, 2.0
@@ -30,7 +29,7 @@ class Run:
         self.trajectory = Trajectory(self.bus, scenario)
 
     def put(self, topic, tick, message):
-        self.bus.publisher(topic).put(message, Stamp(tick * TICK_NS, 1, 0))
+        self.bus.publisher(topic).put(message, Stamp(tick * 10_000_000, 1, 0))
 
     def pose(self, topic, tick, *pose):
         odometry = planar_odometry(Time(), "world", "base", Pose2D(*pose), Twist2D(*MOTION))
