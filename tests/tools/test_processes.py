@@ -37,11 +37,6 @@ class Toy(Node):
         return {}
 
 
-class Crashes(Toy):
-    def reset(self, seed):
-        raise ZeroDivisionError("twice")
-
-
 class Works_First(Toy):
     ERROR = BusError
 
@@ -76,7 +71,7 @@ class Page(Observer):
     def reset(self, seed):
         logging.info("msg=serving url=http://127.0.0.1:1")
 """
-NODES = ("toy", "crashes", "quits", "deaf", "works_first", "misfit", "starts_another")
+NODES = ("toy", "quits", "deaf", "works_first", "misfit", "starts_another")
 PROGRAMS = {name: f"toy.py:{name.title()}" for name in NODES} | {"viewer": "toy.py:Page"}
 KILLED = """
 import sys
@@ -168,17 +163,12 @@ def test_warnings_and_addresses_have_names(supervisor):
 
 
 @pytest.mark.parametrize(
-    ("name", "restart", "error"),
-    [
-        ("crashes", False, "crashes: ZeroDivisionError: twice"),
-        ("quits", True, "quits: half a line"),
-        ("nobody", True, "nobody: no such node; nodes: "),
-    ],
+    ("name", "error"),
+    [("quits", "quits: half a line"), ("nobody", "nobody: no such node; nodes: ")],
 )
-def test_process_that_never_worked_fails(scenario, name, restart, error):
-    with closing(Watched(*scenario, restart=restart)) as supervisor:
-        supervisor.begin(name)
-        failure = supervisor.failure()
+def test_process_that_never_worked_fails(restarting, name, error):
+    restarting.begin(name)
+    failure = restarting.failure()
     assert failure.startswith(error)
     assert len(failure.splitlines()) == 1
 
