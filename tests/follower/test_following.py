@@ -1,16 +1,14 @@
 """The whole follower in closed loop with a kinematic robot and a walking person."""
 
 import math
-import random
 from collections import deque
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from follower.stepped import Follower
 from mecazen.config import FollowerConfig
 from mecazen.config.follower import PolarControl
-from mecazen.geometry import Pose2D, Twist2D, wrap
+from mecazen.geometry import Pose2D, Twist2D
 from mecazen.messages import diagonal_covariance
 from mecazen_follower.node import TURN_RAD_S
 
@@ -58,8 +56,6 @@ FRAME = 4
 """Ticks from one frame to the next: 25 Hz."""
 UNKNOWN = (0.0,) * 36
 """The sensor reports no covariance; the estimator's parameters replace it."""
-NOISE = 0.05, math.radians(5.0)
-"""Standard deviations of the observed position [m] and yaw [rad]."""
 
 
 def u_track(time):
@@ -100,67 +96,38 @@ def delayed(seconds):
     return respond
 
 
-def follow(
-    config,
-    seconds=85.0,
-    walk=u_track,
-    noise=NOISE,
-    robot=None,
-    covariance=UNKNOWN,
-    sensor_delay=0.0,
-):
-    """Yield person, robot and the robot's twist after each tick; it starts at the goal.
+def follow(config, seconds=85.0, walk=u_track, robot=None, covariance=UNKNOWN, sensor_delay=0.0):
+    """Yield person and robot after each tick; it starts at the goal.
 
     `walk` maps the time to the person's body twist, and `robot` a command to a twist. The sensor
-    has standard deviations like `NOISE`, and reports `covariance` after `sensor_delay` [s].
+    has no noise, and reports `covariance` after `sensor_delay` [s].
     """
-    rng, respond = random.Random(1), robot or lagging()
-    follower = follower_of(config)
+    respond, follower = robot or lagging(), follower_of(config)
     person = Pose2D()
     pose = config.standoff.goal(person)
     frames = deque([None] * round(sensor_delay / DT))
     for tick in range(round(seconds / DT)):
-        frame = None
-        if tick % FRAME == 0:
-            x, y, yaw = pose.between(person)
-            seen = Pose2D(
-                rng.gauss(x, noise[0]), rng.gauss(y, noise[0]), wrap(rng.gauss(yaw, noise[1]))
-            )
-            frame = tick, pose.compose(seen)
-        frames.append(frame)
+        frames.append(None if tick % FRAME else (tick, person))
         captured, seen = frames.popleft() or (None, None)
         command, _ = follower.tick(
             tick, pose, seen, captured=captured, seen_in="odom", noise=covariance
         )
-        twist = respond(command)
-        pose = pose.integrate(twist, DT)
+        pose = pose.integrate(respond(command), DT)
         person = person.integrate(walk(tick * DT), DT)
-        yield person, pose, twist
-
-
-def scores(config, *args, **kwargs):
-    """Return mean distance error [m], mean heading error [deg] and rms of acceleration."""
-    ticks = list(follow(config, *args, **kwargs))
-    errors = [config.standoff.errors(person, robot) for person, robot, _ in ticks]
-    jumps = [math.dist(before[:2], after[:2]) for (*_, before), (*_, after) in pairwise(ticks)]
-    return (
-        np.mean([abs(error.distance) for error in errors]),
-        math.degrees(np.mean([abs(error.yaw) for error in errors])),
-        np.sqrt(np.mean(np.square(jumps))) / DT,
-    )
+        yield person, pose
 
 
 def test_without_noise_the_steady_state_has_no_error():
     config = FollowerConfig(view="side_right")
-    still = scores(config, seconds=10.0, walk=lambda _: Twist2D(), noise=(0.0, 0.0))
-    assert still == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
-    distance, heading, _ = scores(config, noise=(0.0, 0.0))
+    for person, robot in follow(config, seconds=10.0, walk=lambda _: Twist2D()):
+        assert robot == pytest.approx(config.standoff.goal(person), abs=1e-9)
+    errors = [config.standoff.errors(person, robot) for person, robot in follow(config)]
     # The rest comes from the start, the two ends of the turn and the stop.
-    assert distance < 0.02
-    assert heading < 0.5
+    assert np.mean([abs(error.distance) for error in errors]) < 0.02
+    assert math.degrees(np.mean([abs(error.yaw) for error in errors])) < 0.5
 
 
-def mean_error(*, response=0.0, robot_delay=0.0, noise=0.0, **sensor):
+def mean_error(*, response=0.0, robot_delay=0.0, **sensor):
     """Return the mean distance from the goal [m] from 5 s to 15 s, with a person on a circle."""
     config = FollowerConfig(
         response_s=response,
@@ -172,12 +139,11 @@ def mean_error(*, response=0.0, robot_delay=0.0, noise=0.0, **sensor):
         config,
         15.0,
         walk=lambda _: Twist2D(0.5, 0.0, 0.5),
-        noise=(noise, noise),
         robot=delayed(robot_delay),
         covariance=diagonal_covariance((1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-4)),
         **sensor,
     )
-    errors = [robot.distance(config.standoff.goal(person)) for person, robot, _ in ticks]
+    errors = [robot.distance(config.standoff.goal(person)) for person, robot in ticks]
     return np.mean(errors[round(5.0 / DT) :])
 
 
