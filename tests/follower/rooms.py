@@ -22,7 +22,7 @@ BODY = Extents(*SCENARIO.robot.footprint, person=0.2)
 CAMERA = FieldOfView(math.radians(37.5), 0.0, 3.86)
 NO_NOISE = ((0.0,) * 3,) * 3
 BEAMS, LEG = 360, 0.06
-TICK = 0.05
+TICK, STEPS = 0.05, 3
 NOTHING = np.empty((0, 2))
 
 
@@ -63,16 +63,16 @@ def scan(lidar, circles, walls=(), beams=BEAMS, std=0.0):
     )
 
 
-def planner_of(config=None, view=CAMERA, **settings):
-    config = FollowerConfig(planner=PlannerConfig(**{"samples": 400, **settings}), **config or {})
-    return config, Planner(config, DRIVE, BODY, view, seed=1)
+def planner_of(config):
+    config = FollowerConfig(planner=PlannerConfig(samples=400), **config)
+    return config, Planner(config, DRIVE, BODY, CAMERA, seed=1)
 
 
 def standing(place, velocity=(0.0, 0.0)):
     return Estimate(Pose2D(*place), Twist2D(*velocity), NO_NOISE)
 
 
-def follow(seconds, circles, walkers=(), speed=0.6, **config):
+def follow(seconds, circles, walkers=(), **config):
     """Yield robot, person, the plan and the least gap of each tick; the person walks along x.
 
     The robot is a circle about its rectangle here. `walkers` are (x, y, vx, vy) at time 0.
@@ -80,7 +80,7 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
     config, planner = planner_of(config)
     view = FieldOfView(math.radians(22.5))
     law = PolarController(config.standoff, config.control, DRIVE, view)
-    person, twist = standing((0.0, 0.0, 0.0), (speed, 0.0)), Twist2D()
+    person, twist = standing((0.0, 0.0, 0.0), (0.6, 0.0)), Twist2D()
     robot = config.standoff.goal(person.pose)
     for tick in range(round(seconds / TICK)):
         time = tick * TICK
@@ -103,16 +103,16 @@ def follow(seconds, circles, walkers=(), speed=0.6, **config):
         yield robot, person.pose, planner.plan.state, min(gaps, default=math.inf)
 
 
-def still(x, y, yaw=0.0, steps=3):
+def still(x, y, yaw=0.0):
     """Return a path of some steps on which a robot stands."""
-    poses = [np.full((steps, 1), value) for value in (x, y, math.cos(yaw), math.sin(yaw))]
-    return Rollout(*poses, np.zeros((steps, 3, 1)))
+    poses = [np.full((STEPS, 1), value) for value in (x, y, math.cos(yaw), math.sin(yaw))]
+    return Rollout(*poses, np.zeros((STEPS, 3, 1)))
 
 
-def situation(points=NOTHING, person=(0.0, 0.0, 0.0), goal=(-1.2, 0.0, 0.0), steps=3, walkers=None):
-    """Return a person who stands, and what else is there."""
-    places = np.tile(person, (steps, 1))
-    hiding = np.broadcast_to(points, (steps, *points.shape))
+def situation(points=NOTHING, person=(0.0, 0.0, 0.0), walkers=None):
+    """Return a person who stands, and what else is there; the goal is 1.2 m behind the origin."""
+    places, goals = np.tile(person, (STEPS, 1)), np.tile((-1.2, 0.0, 0.0), (STEPS, 1))
+    hiding = np.broadcast_to(points, (STEPS, *points.shape))
     shadows = Shadows(places[:, :2], hiding, np.full(len(points), 0.05))
-    walkers = np.empty((steps, 0, 2)) if walkers is None else walkers
-    return Situation(places, np.tile(goal, (steps, 1)), walkers, points, shadows)
+    walkers = np.empty((STEPS, 0, 2)) if walkers is None else walkers
+    return Situation(places, goals, walkers, points, shadows)

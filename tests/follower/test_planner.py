@@ -49,9 +49,9 @@ def test_hidden_points_are_remembered_for_a_while():
     assert not has(pillar)
 
 
-@pytest.mark.parametrize("control", [None, PidControl()])
-def test_in_open_space_the_command_is_unchanged(control):
-    _, planner = planner_of({"control": control} if control else None)
+@pytest.mark.parametrize("config", [{}, {"control": PidControl()}], ids=["polar", "pid"])
+def test_in_open_space_the_command_is_unchanged(config):
+    _, planner = planner_of(config)
     person = standing((1.0, 0.0, 0.0), (0.5, 0.0))
     nominal = Twist2D(0.123456789, -0.2, 0.3)
     for tick in range(30):

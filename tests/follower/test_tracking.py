@@ -20,8 +20,8 @@ SETTLED = 50
 """Frames after which the track is settled."""
 
 
-def tracker_of(hold=0.0, **settings):
-    return PersonTracker(FollowerConfig(**settings), SensorConfig(latency_s=hold), hold)
+def tracker_of(hold=0.0):
+    return PersonTracker(FollowerConfig(), SensorConfig(latency_s=hold), hold)
 
 
 def person_at(number, aside=0.0):
@@ -32,19 +32,17 @@ def person_at(number, aside=0.0):
 class Frames:
     """A tracker that sees noisy poses, frame by frame."""
 
-    def __init__(self, seed=1, **settings):
-        self.tracker = tracker_of(**settings)
-        self.rng = np.random.default_rng(seed)
+    def __init__(self):
+        self.tracker = tracker_of()
+        self.rng = np.random.default_rng(1)
 
-    def see(self, number, *poses, ids=()):
+    def see(self, number, *poses):
         """Return the estimate after a frame with these true poses."""
         time = number * FRAME_S
         noise = self.rng.normal(size=(len(poses), 3)) * STD
         measurements = [
-            Measurement(Pose2D(pose.x + x, pose.y + y, wrap(pose.yaw + yaw)), NOISE, identity)
-            for pose, (x, y, yaw), identity in zip(
-                poses, noise.tolist(), ids or [""] * len(poses), strict=True
-            )
+            Measurement(Pose2D(pose.x + x, pose.y + y, wrap(pose.yaw + yaw)), NOISE)
+            for pose, (x, y, yaw) in zip(poses, noise.tolist(), strict=True)
         ]
         if measurements:
             self.tracker.add(Frame(time, measurements))
