@@ -11,13 +11,8 @@ from mecazen.config import FollowerConfig
 from mecazen.config.follower import Gains, PidControl, PolarControl
 from mecazen.drive import Drive, Limits
 from mecazen.geometry import Pose2D, Standoff, Twist2D, rotate
-from mecazen_follower.control import (
-    PolarController,
-    PoseController,
-    allocate,
-    pid,
-)
-from mecazen_follower.sight import ALL_AROUND, FieldOfView, Sight, view_of
+from mecazen_follower.control import PolarController, PoseController, allocate, pid
+from mecazen_follower.sight import FieldOfView, Sight, view_of
 from planar import angles, poses, standoffs, twists
 
 DT = 0.01
@@ -54,16 +49,6 @@ def follow(controller, standoff, robot, seconds, walk, acceleration=math.inf):
         yield person, robot
 
 
-def walk_with(config, walk, seconds, view=ALL_AROUND):
-    """Yield person and robot, which starts at rest in its place and does what is commanded."""
-    controller = PolarController(config.standoff, config.control, DRIVE, view)
-    return follow(controller, config.standoff, config.standoff.goal(Pose2D()), seconds, walk)
-
-
-def stand(_):
-    return Twist2D()
-
-
 @given(standoffs, poses, twists)
 def test_robot_at_its_goal_moves_with_the_goal(standoff, person, velocity):
     goal = standoff.goal(person)
@@ -79,7 +64,7 @@ def test_robot_at_its_goal_moves_with_the_goal(standoff, person, velocity):
 @example(2.0, 0.0, math.pi)
 def test_robot_reaches_its_goal_around_the_person(distance, bearing, yaw):
     start = Pose2D(distance * math.cos(bearing), distance * math.sin(bearing), yaw)
-    for person, robot in follow(make(), BACK, start, 8.0, stand):
+    for person, robot in follow(make(), BACK, start, 8.0, lambda _: STILL):
         assert person.distance(robot) > 0.8
     # half a circle at 2 m/s takes 1.6 s; then e^-3t
     assert robot == pytest.approx(BACK.goal(Pose2D()), abs=1e-3)
@@ -100,12 +85,14 @@ def test_distance_to_a_spinning_person_is_kept():
 @pytest.mark.parametrize("view", ["back", "side_left"])
 def test_narrow_camera_keeps_a_turning_person_in_view(view):
     config = FollowerConfig(view=view)
+    standoff = config.standoff
 
     def walking(time):
         return Twist2D(1.2, 0.0, 1.5 if 3.0 < time < 5.0 else 0.0)
 
     sight = Sight("pose", 25.0, 0.0, FieldOfView(math.radians(35.0)))
-    for person, robot in walk_with(config, walking, 10.0, view_of(sight, config)):
+    controller = PolarController(standoff, config.control, DRIVE, view_of(sight, config))
+    for person, robot in follow(controller, standoff, standoff.goal(Pose2D()), 10.0, walking):
         seen = robot.between(person)
         assert abs(math.atan2(seen.y, seen.x)) < sight.field.half
 

@@ -37,19 +37,8 @@ def make(name, **params):
     return make_estimator(name, params)
 
 
-def white(rng):
-    return rng.normal(size=3) * np.sqrt(np.diag(NOISE))
-
-
-def frame(estimator, pose):
-    """Let a frame pass and observe a pose, whose heading `pose[2]` [rad] need not be wrapped."""
-    estimator.predict(FRAME_S)
-    estimator.update(Pose2D(float(pose[0]), float(pose[1]), wrap(float(pose[2]))), NOISE)
-
-
 def walk(estimator, seconds, velocity, start=Pose2D()):  # noqa: B008  # immutable
-    """Walk with `velocity`, in odom, and an observation each 40 ms; return the last pose."""
-    pose = start
+    """Walk with `velocity`, in odom, and an observation each 40 ms."""
     for tick in range(round(seconds / DT)):
         estimator.predict(DT)
         t = tick * DT
@@ -58,7 +47,6 @@ def walk(estimator, seconds, velocity, start=Pose2D()):  # noqa: B008  # immutab
         )
         if tick % 4 == 0:
             estimator.update(pose, NOISE)
-    return pose
 
 
 @pytest.fixture(params=sorted(ESTIMATORS))
@@ -160,7 +148,8 @@ def test_a_steady_walk_is_predicted_exactly():
     estimator, pose = make("ekf_ctrv", **MATCHED), Pose2D(1.0, 2.0, 3.0)
     for _ in range(1000):  # 40 s without noise: nothing of the start is left
         pose = pose.integrate(twist, FRAME_S)
-        frame(estimator, pose)
+        estimator.predict(FRAME_S)
+        estimator.update(pose, NOISE)
     later, ahead = pose.integrate(twist, 0.2), estimator.ahead(0.2)
     assert ahead.pose == pytest.approx(later, abs=1e-9)
     assert ahead.velocity[:2] == pytest.approx(rotate(0.8, 0.0, later.yaw), abs=1e-9)
@@ -237,7 +226,7 @@ def observed(*phases, seed=1):
             if motion[1] == 0.0:
                 wavering = WAVERING if motion[0] else WAVERING / 10.0
                 state[YAW] += wavering * math.sqrt(FRAME_S) * rng.normal()
-            yield state[:OBSERVED] + white(rng)
+            yield state[:OBSERVED] + rng.normal(size=3) * np.sqrt(np.diag(NOISE))
 
 
 @pytest.mark.parametrize("modes", [(TURNING,), MODES])
