@@ -26,11 +26,6 @@ from mecazen_follower.estimators.imm import (
 DT = 0.01
 FRAME_S = 0.04
 NOISE = np.diag([0.05**2, 0.05**2, math.radians(5.0) ** 2])
-MATCHED = {
-    "sway_m_sqrt_m": 0.05,
-    "acceleration_std_m_s2": 0.3,
-    "yaw_acceleration_std_rad_s2": 0.3,
-}
 
 
 def make(name, **params):
@@ -145,7 +140,7 @@ def test_linear_filter_has_the_gain_computed_by_hand():
 
 def test_a_steady_walk_is_predicted_exactly():
     twist = Twist2D(0.8, 0.0, -0.5)
-    estimator, pose = make("ekf_ctrv", **MATCHED), Pose2D(1.0, 2.0, 3.0)
+    estimator, pose = make("ekf_ctrv"), Pose2D(1.0, 2.0, 3.0)
     for _ in range(1000):  # 40 s without noise: nothing of the start is left
         pose = pose.integrate(twist, FRAME_S)
         estimator.predict(FRAME_S)
