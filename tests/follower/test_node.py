@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from follower.rooms import scan, wall
 from follower.stepped import NEXUS, ORIGIN, PERSON, PROPORTIONAL, Follower
-from harness import SCENARIOS, Rig, error_of
+from harness import Rig, error_of
 from hostile import forged
 from mecazen import keys
 from mecazen import messages as m
@@ -14,10 +14,11 @@ from mecazen.config import FollowerConfig, Scenario, SimConfig
 from mecazen.config.follower import PidControl, PlannerConfig, PolarControl
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.loading import load_scenario
 from mecazen.messages import diagonal_covariance
 from mecazen.parameters import LiveParameters
+from mecazen.row import Row
 from mecazen_follower.measurement import NO_HEADING
+from toys import user_nodes
 
 AHEAD = Pose2D(1.5)
 WALL = wall(1.0, 2.0, 1.0)
@@ -249,32 +250,23 @@ def test_a_changed_standoff_keeps_the_person():
     assert command.x == PROPORTIONAL.x.limit  # more than 2 m are missing
 
 
-def test_settings_without_effect_are_refused(tmp_path):
-    (tmp_path / "my.py").write_text(
-        "from mecazen.node import Node, Row\n"
-        "class Blind(Node):\n"
-        "    ROW = Row('follower')\n"
-        "    def reset(self, seed): pass\n"
-        "    def step(self, tick, inputs): return {}\n"
-    )
-    program = f"{tmp_path}/my.py:Blind"
-    scenario = load_scenario(SCENARIOS / "back.toml")
-    scenario = msgspec.structs.replace(scenario, programs={"follower": program})
-    live = LiveParameters(scenario, lambda _: None)
-    error = error_of(ConfigError, lambda: live.set({"follower.standoff_m": 2}))
-    assert error.startswith(f"follower: no effect on {program}, which takes its place")
+def test_settings_without_effect_are_refused():
+    with user_nodes(Row("follower")) as programs:
+        live = LiveParameters(Scenario(NEXUS, programs=programs), lambda _: None)
+        error = error_of(ConfigError, lambda: live.set({"follower.standoff_m": 2}))
+    assert error.startswith("follower: no effect on user:follower, which takes its place")
     assert live.requested.follower.standoff_m != 2.0
 
 
 class OnBus(Rig):
     """A follower that drives at 1 m/s for each metre that is missing."""
 
-    def __init__(self, estimator="none", target=("target",)):
+    def __init__(self):
         scenario = Scenario(
             NEXUS,
-            services=("physics", "controller", *target, "follower"),
+            services=("physics", "controller", "target", "follower"),
             sim=SimConfig(mode="lockstep"),
-            follower=FollowerConfig(estimator=estimator, control=PROPORTIONAL),
+            follower=FollowerConfig(estimator="imm", control=PROPORTIONAL),
         )
         super().__init__("follower", scenario, keys.FOLLOWER_STATE, keys.CMD_VEL)
 
@@ -283,21 +275,12 @@ class OnBus(Rig):
         odom = m.planar_odometry(stamp.time, "odom", "base_link", robot, Twist2D())
         return self.put(keys.ODOM, odom, stamp)
 
-    def frame(self, tick, person=None, run=1):
+    def frame(self, tick, person, run=1):
         """Publish what is seen at a tick; return what comes of it."""
         stamp = self.at(tick, run)
-        poses = () if person is None else (m.PoseWithCovariance(m.Pose.planar(person)),)
+        poses = (m.PoseWithCovariance(m.Pose.planar(person)),)
         frame = m.Observation(m.Header(stamp.time, "base_link"), poses)
         return self.put(keys.OBSERVATION, frame, stamp)
-
-
-def answer_of(samples):
-    """Return estimate and command of the one tick that was answered."""
-    state, command = samples
-    assert (state.key, command.key) == ("follower/state", "cmd_vel")
-    assert command.stamp == state.stamp
-    estimate = state.message.estimate
-    return estimate and estimate[0].pose.pose.to_planar(), command.message.to_planar()
 
 
 ODOM = m.planar_odometry(m.Time(1), "odom", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
@@ -320,13 +303,15 @@ GOOD = {
 
 @forged(GOOD)
 def test_hostile_samples_do_no_lasting_harm(wrong):
-    rig, next_run = OnBus("imm"), 2**32 - 1
+    rig, next_run = OnBus(), 2**32 - 1
     rig.odom(0)
     rig.frame(0, AHEAD)
     for sample in rig.put_wrong(wrong):
         if sample.key == "cmd_vel":
             assert max(map(abs, sample.message.to_planar())) <= 2.0
     rig.odom(0, Pose2D(0.1), next_run)
-    estimate, command = answer_of(rig.frame(0, Pose2D(1.5, 0.2), next_run))
-    assert estimate == pytest.approx((1.6, 0.2, 0.0))
-    assert command == pytest.approx((0.5, 0.2, 0.0))
+    state, command = rig.frame(0, Pose2D(1.5, 0.2), next_run)
+    assert (state.key, command.key) == ("follower/state", "cmd_vel")
+    assert command.stamp == state.stamp
+    assert estimate_of(state.message) == pytest.approx((1.6, 0.2, 0.0))
+    assert command.message.to_planar() == pytest.approx((0.5, 0.2, 0.0))
