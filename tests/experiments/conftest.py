@@ -25,9 +25,14 @@ columns = [["D_err [m]", "d_err_m", 3]]
 """
 
 
+def run_command(*arguments: object) -> None:
+    """Run `mecazen` in this process."""
+    app([*map(str, arguments)], standalone_mode=False)
+
+
 def experiment(*arguments: object) -> None:
     """Run `mecazen experiment` in this process."""
-    app(["experiment", *map(str, arguments)], standalone_mode=False)
+    run_command("experiment", *arguments)
 
 
 class Folder(NamedTuple):

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pandas as pd
 import pytest
+from experiments.conftest import run_command
 from experiments.made_up import person
 from harness import error_of
 from mecazen.config.people import Body
@@ -26,7 +27,6 @@ from mecazen_experiments.gait.report import (
 from mecazen_experiments.gait.stages import Stage
 from mecazen_experiments.gait.strides import planted, strides
 from mecazen_people.body.files import read
-from mecazen_tools.cli.app import app
 
 MISSING = 3
 needs_ezc3d = pytest.mark.skipif(
@@ -100,15 +100,11 @@ def test_a_person_walks_a_walk_that_was_exported(stage, suffix, tmp_path):
         assert after.max() == pytest.approx(np.nanmax(before), abs=0.01)
 
 
-def run(*arguments):
-    app(list(map(str, arguments)), standalone_mode=False)
-
-
 def test_a_recorded_walk_is_reported_and_exported(tmp_path, capsys):
     file = tmp_path / "run.mcap"
-    run("simulate", "mocap", "--duration", 8, "--record", file)
+    run_command("simulate", "mocap", "--duration", 8, "--record", file)
     with warnings.catch_warnings(action="ignore"):  # of SWIG, on Python 3.12 and later
-        run("gait", file, "--export", tmp_path / "walk")
+        run_command("gait", file, "--export", tmp_path / "walk")
     out = capsys.readouterr().out
     for words in ("Seen from: back", "Strides:", "truth", "norm, slow", "CC BY 4.0", GPS):
         assert words in out
@@ -128,7 +124,7 @@ def test_a_recorded_walk_is_reported_and_exported(tmp_path, capsys):
     true = summary["stages"]["truth"]["parameters"]["left"]["speed_m_s"]["mean"]
     assert true == pytest.approx(1.0, abs=0.01)
     assert summary["stages"]["raw"]["parameters"] is None
-    text = error_of(MecazenError, lambda: run("gait", file, "--export", file))
+    text = error_of(MecazenError, lambda: run_command("gait", file, "--export", file))
     assert "run.mcap: File exists" in text
-    text = error_of(MecazenError, lambda: run("gait", file, "--run", 7))
+    text = error_of(MecazenError, lambda: run_command("gait", file, "--run", 7))
     assert "no body in run 7" in text

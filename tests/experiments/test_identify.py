@@ -12,6 +12,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import pytest
+from experiments.conftest import run_command
 from harness import ROOT
 from mecazen.errors import ConfigError, MecazenError
 from mecazen.loading import load_scenario, load_table, scenario_path
@@ -37,9 +38,7 @@ from mecazen_experiments.identify.windows import (
     shifted,
 )
 from mecazen_physics.motors import MotorModel
-from mecazen_tools.cli.app import app
 from mecazen_tools.simulation import Simulation
-from typer.testing import CliRunner
 
 SAMPLE = ROOT / "examples" / "optiodom"
 """16 runs of the OptiOdom data."""
@@ -53,14 +52,6 @@ SEEDS = range(1, 1 + int(os.environ.get("MECAZEN_SEEDS", "1")))
 TICK_S = 0.01
 STEPS = np.loadtxt(ROOT / "examples" / "excitation.csv", delimiter=",", skiprows=1).tolist()
 """A minute of commands that makes all parameters observable: time [s] and twist."""
-
-
-def run_command(*words):
-    """Run `mecazen identify`; return its exit code and all that it prints."""
-    done = CliRunner().invoke(app, ["identify", *map(str, words)])
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    return done.output
 
 
 def driven(seed=1, noise_m=0.0, seconds=60.0, session="made"):
@@ -158,12 +149,8 @@ def test_a_reference_may_be_mounted_at_any_angle(degrees):
 # ---- the recorded robot
 
 
-@pytest.fixture(scope="module")
-def result(sample):
-    return identify(OMNI4, sample)
-
-
-def test_the_recorded_robot_has_the_lateral_gain_of_six_rollers(result):
+def test_the_recorded_robot_has_the_lateral_gain_of_six_rollers(sample):
+    result = identify(OMNI4, sample)
     assert result.parameters[-1]["lateral_gain"].mean == pytest.approx(0.954, abs=0.003)
     assert result.rollers == 6
     assert result.geometry.by_name["radius_m"] == pytest.approx(0.0306, abs=0.0003)
@@ -178,19 +165,13 @@ def test_one_radius_fits_circles_and_squares_with_missing_time_made_up_for(sampl
     assert radii[1] == pytest.approx(radii[0], rel=0.008)
 
 
-@pytest.fixture(scope="module")
-def validated(tmp_path_factory):
-    out = tmp_path_factory.mktemp("validated")
-    run_command(SAMPLE, "--robot", "omni4", "--validate", "--out", out)
-    return out
-
-
-def test_a_validation_reports_the_drift_of_models_and_of_the_simulation(validated):
-    assert {file.name for file in validated.iterdir()} == {"validation.md", "robot.toml"}
-    assert "from 8 runs" in (validated / "robot.toml").read_text()
+def test_a_validation_reports_the_drift_of_models_and_of_the_simulation(tmp_path):
+    run_command("identify", SAMPLE, "--robot", "omni4", "--validate", "--out", tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {"validation.md", "robot.toml"}
+    assert "from 8 runs" in (tmp_path / "robot.toml").read_text()
     rows = [
         [cell.strip() for cell in line.split("|")[1:4]]
-        for line in (validated / "validation.md").read_text().splitlines()
+        for line in (tmp_path / "validation.md").read_text().splitlines()
         if line.startswith("| ") and line.count("|") == 5
     ]
     for path, limit_mm in (("circular", 6.0), ("square", 20.0)):
@@ -269,7 +250,7 @@ def test_parameters_that_a_single_command_leaves_open_are_named():
 @pytest.mark.parametrize("seed", SEEDS)
 def test_planted_motors_come_out_of_a_recording_and_are_in_the_robot_file(seed, tmp_path):
     motors = record(seed, tmp_path / "drive.mcap")
-    run_command(tmp_path / "drive.mcap", "--out", tmp_path / "out")
+    run_command("identify", tmp_path / "drive.mcap", "--out", tmp_path / "out")
     assert "## Motors" in (tmp_path / "out" / "report.md").read_text()
     (tmp_path / "scenario.toml").write_text('robot = "out/robot.toml"\n')
     fitted = load_scenario(tmp_path / "scenario.toml").robot.motors
