@@ -41,20 +41,18 @@ def test_episodes_are_read_whole():
     assert (TRACK.max_steps, TRACK.max_search_steps) == (520, 260)
 
 
-def changed(tmp_path, *changes):
-    """Return a copy of the corridor's file with other texts."""
+def changed(tmp_path, old, new):
+    """Return a copy of the corridor's file with another text."""
     text = CORRIDOR_FILE.read_text(encoding="utf-8")
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
+    assert old in text
     path = tmp_path / CORRIDOR_FILE.name
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text.replace(old, new), encoding="utf-8")
     return path
 
 
 def test_without_a_free_path_a_person_walks_straight_on(tmp_path):
     wall = "obstacle:\n  - {shape: {name: rectangle, length: 0.4, width: 30}, state: [20, 5, 0]}\n"
-    closed = read(changed(tmp_path, ("obstacle:\n", wall)))
+    closed = read(changed(tmp_path, "obstacle:\n", wall))
     assert closed.target == Goal(x_m=8.0, y_m=5.0, goal_m=(38.5, 5.0), speed_m_s=1.5)
 
 
@@ -76,7 +74,7 @@ def test_without_a_free_path_a_person_walks_straight_on(tmp_path):
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, old, new, message):
-    path = changed(tmp_path, (old, new))
+    path = changed(tmp_path, old, new)
     with pytest.raises(ConfigError, match=message) as error:
         read(path)
     assert str(error.value).startswith(f"{path}: ")

@@ -35,16 +35,15 @@ def walk():
     return person(duration_s=WALKED_S)
 
 
-def measured(walk, seen=None, truth=None, confidence=2):
+def measured(walk, seen=None):
     """The quality of the capture of a person who walks from the first tick on."""
     t, joints, _ = walk
     tracked = reported(t, joints if seen is None else seen)
-    tracked = tracked._replace(confidence=np.full(joints.shape[:2], confidence))
     ticks = round(WALKED_S / 0.01)
     x = 1.2 * 0.01 * np.arange(ticks)
     robot = x - 1.0, 0.0, 0.0
     table = run(ticks, target=(x, 0.0, 0.0), robot=robot, odom=robot)
-    return quality(table, reported(t, joints if truth is None else truth, 0.0), tracked, BACK)
+    return quality(table, reported(t, joints, 0.0), tracked, BACK)
 
 
 def test_without_noise_nothing_is_wrong(walk):
