@@ -118,18 +118,6 @@ def speed_ups(robot: Robot, seconds: float, **physics: Any) -> list[float]:
     return [rig.advance([10.0] * 4).joint_velocity[0] for _ in range(round(seconds / 0.01))]
 
 
-def test_a_wrong_wiring_shows_in_joints_and_odometry(nexus):
-    for output, wheel, sign in ((0, 1, 1.0), (1, 0, 1.0), (2, 2, 1.0), (3, 3, -1.0)):
-        faulty = msgspec.structs.replace(nexus.wheels, wiring=(2, 1, 3, -4))
-        rig = Rig(msgspec.structs.replace(nexus, wheels=faulty))
-        command = [5.0 * (number == output) for number in range(4)]
-        speeds = [rig.advance(command).joint_velocity for _ in range(50)][-1][:4]
-        assert speeds == pytest.approx([5.0 * sign * (n == wheel) for n in range(4)], abs=1e-3)
-    # a motor that turns backward makes a robot turn that is to drive forward
-    odometry = MecanumKinematics.from_robot(nexus).forward(WheelSpeeds(5.0, 5.0, 5.0, -5.0))
-    assert odometry.yaw < 0.0 < odometry.x < 0.05 * 5.0
-
-
 def test_wrong_mounting_turns_x_into_o(nexus):
     """The odometry reports what was commanded: only the true motion shows the fault."""
     x_as_o = msgspec.structs.replace(nexus.wheels, mounting=(2, 1, 4, 3))
