@@ -82,27 +82,11 @@ def test_commands_are_limited_to_torque_and_speed(nexus):
     assert speeds == pytest.approx([fastest, -fastest, fastest, -fastest], rel=1e-6)
 
 
-DT = 0.005
-
-
-def outputs(motors, steps, command=10.0, supplied=1.0):
-    """Return the first wheel's output after each step of a command that begins at time 0."""
-    model = MotorModel(motors, DT)
-    model.give((command,) * 4)
-    return [model.step(supplied)[0] for _ in range(steps)]
-
-
-def test_delay_within_a_step_shifts_the_exponential():
-    values = outputs(RealMotors(delay_s=0.0123, time_constant_s=0.05), 20)
-    expected = [10.0 * (1.0 - math.exp(-max(DT * (k + 1) - 0.0123, 0.0) / 0.05)) for k in range(20)]
-    assert values == pytest.approx(expected, rel=1e-12)
-
-
 def test_dead_band_gain_and_supply_scale_the_command():
-    motors = RealMotors(dead_band_rad_s=0.5, gains=(1.1, 1.0, 1.0, 1.0))
-    assert outputs(motors, 1, 0.4) == [0.0]
-    assert outputs(motors, 1, 2.5) == pytest.approx([2.2])
-    assert outputs(motors, 1, -2.5, supplied=0.9) == pytest.approx([-1.98])
+    model = MotorModel(RealMotors(dead_band_rad_s=0.5, gains=(1.1, 1.0, 1.0, 1.0)), 0.005)
+    for command, supplied, output in ((0.4, 1.0, 0.0), (2.5, 1.0, 2.2), (-2.5, 0.9, -1.98)):
+        model.give((command,) * 4)
+        assert model.step(supplied)[0] == pytest.approx(output)
 
 
 # ---- in the simulation
@@ -163,9 +147,11 @@ def test_the_wheels_move_alike_wherever_base_link_is(nexus):
     ) == pytest.approx(twist, abs=1e-3)
 
 
-def test_simulated_wheels_have_delay_and_lag(nexus):
-    speeds = speed_ups(with_motors(nexus, delay_s=0.03, time_constant_s=0.1), 0.3)
-    expected = [10.0 * (1.0 - math.exp(-max(0.01 * (k + 1) - 0.03, 0.0) / 0.1)) for k in range(30)]
+def test_delay_within_a_step_shifts_the_exponential(nexus):
+    delay_s = 0.0304  # steps take 1 ms
+    speeds = speed_ups(with_motors(nexus, delay_s=delay_s, time_constant_s=0.1), 0.3)
+    after = [max(0.01 * (tick + 1) - delay_s, 0.0) for tick in range(30)]
+    expected = [10.0 * (1.0 - math.exp(-time_s / 0.1)) for time_s in after]
     assert speeds == pytest.approx(expected, abs=1e-6)  # DART's servo holds them
 
 
