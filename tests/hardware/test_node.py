@@ -374,16 +374,3 @@ def test_a_board_of_another_car_is_named(monkeypatch):
     with emulated(car_type=5) as emulator:
         assert "set to the car R2" in error(port=emulator.line.name)
         assert not emulator.firmware.driving
-
-
-def test_unplugged_port_is_one_error():
-    with emulated() as emulator:
-        link = Link(HardwareConfig(port=emulator.line.name), ROBOT)
-        drive_for(0.3, link)
-    try:
-        with pytest.raises(HardwareError, match="the port has gone in mid-run"):
-            drive_for(5.0, link)
-    finally:
-        link.close()
-    # the board keeps its last command for ever: no software can stop it now
-    assert any(emulator.firmware.goal)
