@@ -75,8 +75,8 @@ class Running:
                 self.bus.publisher(keys.CMD_VEL).put(Twist.planar(twist), None)
             self.clock.step()
 
-    def command_wheels(self, speed, duration_s):
-        command = JointState(name=WHEEL_JOINTS, velocity=(speed,) * 4)
+    def command_wheels(self, duration_s, **values):
+        command = JointState(name=WHEEL_JOINTS, **values)
         for _ in range(round(duration_s / 0.01)):
             self.bus.publisher(keys.JOINT_COMMAND).put(command, None)
             self.clock.step()
@@ -128,7 +128,7 @@ def test_a_command_moves_the_wheels_and_odometry_follows():
 
 def test_without_wheel_commands_the_robot_brakes_and_stops():
     with emulated() as emulator, running(emulator, services=("hardware",)) as run:
-        run.command_wheels(10.0, 0.5)
+        run.command_wheels(0.5, velocity=(10.0,) * 4)
         commanded_s = time.monotonic()
         run.drive(1.0)
         log = [entry for entry in emulator.firmware.log if entry[0] > commanded_s]
@@ -142,11 +142,9 @@ def test_without_wheel_commands_the_robot_brakes_and_stops():
 @pytest.mark.parametrize("wrong", [{"effort": (1.0,) * 4}, {"velocity": (float("nan"),) * 4}])
 def test_commands_without_finite_speeds_stop_the_motors(wrong):
     with emulated() as emulator, running(emulator, services=("hardware",)) as run:
-        run.command_wheels(10.0, 0.3)
+        run.command_wheels(0.3, velocity=(10.0,) * 4)
         assert any(emulator.firmware.goal)
-        for _ in range(60):
-            run.bus.publisher(keys.JOINT_COMMAND).put(JointState(name=WHEEL_JOINTS, **wrong), None)
-            run.clock.step()
+        run.command_wheels(0.6, **wrong)
         until(lambda: not any(emulator.firmware.goal))
 
 
