@@ -47,17 +47,15 @@ def ten(case, view, offset=0.0, **more):
     return [(case, view, "", seed, {"x": 0.1 * seed + offset, **more}) for seed in range(1, 11)]
 
 
-def test_a_csv_is_read_back_to_the_same_tables(tmp_path):
-    spec = study(
-        tmp_path, 'rows = ["case", "view"]\ncolumns = [["x", "x", 3], ["2x", "double", 3]]'
-    )
+def test_a_csv_is_read_back_to_the_same_values(tmp_path):
     values = (0.1 + 0.2, 1e-17, math.pi, None)
     text = runs([("a", "back", "w", n, {"x": x, "name": "q,"}) for n, x in enumerate(values)])
-    read = frame.read(spec, text)
+    read = frame.read(study(tmp_path), text)
     assert read["x"].tolist()[:3] == list(values[:3])
+    assert read["double"].tolist()[:3] == [2.0 * x for x in values[:3]]
     assert math.isnan(read["x"][3])
     assert read["draw"].tolist() == ["w"] * 4
-    assert make_tables(spec, read) == make_tables(spec, frame.read(spec, text))
+    assert read["name"].tolist() == ["q,"] * 4
 
 
 def test_a_unit_is_averaged_before_its_interval(tmp_path):
