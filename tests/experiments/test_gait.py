@@ -142,10 +142,6 @@ def rms(joints, truth):
     return {name: float(np.sqrt(np.mean(errors[:, at] ** 2))) for name, at in JOINT.items()}
 
 
-def refined(seen):
-    return seen_stages(seen)["refined"].joints
-
-
 def swap(joints, rows, names):
     swapped = joints.copy()
     for name in names:
@@ -160,11 +156,6 @@ def walk():
     return t, joints
 
 
-def test_a_perfect_skeleton_stays_as_it_is(walk):
-    t, joints = walk
-    assert max(rms(refined(reported(t, joints)), joints).values()) < 0.5
-
-
 def test_errors_become_smaller_by_more_than_a_quarter(walk):
     t, joints = walk
     random = np.random.default_rng(1)
@@ -172,7 +163,8 @@ def test_errors_become_smaller_by_more_than_a_quarter(walk):
     bias = random.normal(0.0, 0.02, joints.shape[1:])
     bias[:, 2] *= 0.5
     seen = reported(t, joints + bias + white, 0.025)
-    raw, errors = rms(seen.joints, joints), rms(refined(seen), joints)
+    refined = seen_stages(seen)["refined"].joints
+    raw, errors = rms(seen.joints, joints), rms(refined, joints)
     for name in JOINT:
         assert errors[name] < 0.75 * raw[name], name
 
@@ -192,7 +184,7 @@ def test_frames_without_a_body_are_bridged(walk):
     gappy[60:75] = np.nan
     stages = seen_stages(reported(t, gappy))
     assert not np.isnan(stages["filtered"].joints).any()
-    assert max(rms(stages["refined"].joints, joints).values()) < 0.6
+    assert max(rms(stages["refined"].joints, joints).values()) < 0.5
 
 
 def test_a_person_who_stands_or_is_not_seen_is_not_refined(walk):
