@@ -39,13 +39,6 @@ def line(ticks, yaw=0.0, speed=0.2):
     return Poses(way * math.cos(yaw), way * math.sin(yaw), np.full(ticks, yaw))
 
 
-def beside(person, distance, bearing_deg, heading_deg):
-    """The robot at a distance and a bearing from the person, by its heading less theirs."""
-    return person.compose(
-        Standoff(distance, math.radians(bearing_deg), math.radians(heading_deg)).goal(Pose2D())
-    )
-
-
 def covariances(matrix):
     """The columns of one 3x3 covariance, or of one for each tick."""
     matrix = np.asarray(matrix)

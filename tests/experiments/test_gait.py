@@ -142,14 +142,6 @@ def rms(joints, truth):
     return {name: float(np.sqrt(np.mean(errors[:, at] ** 2))) for name, at in JOINT.items()}
 
 
-def swap(joints, rows, names):
-    swapped = joints.copy()
-    for name in names:
-        left, right = (INDEX[f"{side}_{name}"] for side in SIDES)
-        swapped[rows, left], swapped[rows, right] = joints[rows, right], joints[rows, left]
-    return swapped
-
-
 @pytest.fixture(scope="module")
 def walk():
     t, joints, _ = person()
@@ -173,7 +165,10 @@ def test_errors_become_smaller_by_more_than_a_quarter(walk):
 def test_swaps_are_undone(walk, names):
     t, joints = walk
     noisy = joints + np.random.default_rng(2).normal(0.0, 0.01, joints.shape)
-    wrong = swap(noisy, np.r_[40:52, 120:123], names)
+    wrong, rows = noisy.copy(), np.r_[40:52, 120:123]
+    for name in names:
+        left, right = (INDEX[f"{side}_{name}"] for side in SIDES)
+        wrong[rows, left], wrong[rows, right] = noisy[rows, right], noisy[rows, left]
     assert unswapped(reported(t, wrong, 0.02)).joints == pytest.approx(noisy)
     assert unswapped(reported(t, noisy, 0.02)).joints == pytest.approx(noisy)
 

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from experiments.made_up import BACK, TICK_S, beside, covariances, line, run, twist
+from experiments.made_up import BACK, TICK_S, covariances, line, run, twist
 from harness import SCENARIOS
+from mecazen.geometry import Pose2D, Standoff
 from mecazen.loading import load_scenario, parse_settings
 from mecazen_experiments.scores import SETTLING_S, nees, score
 from mecazen_tools.simulate import simulate
@@ -96,7 +97,8 @@ def test_a_real_run_has_every_measure_and_those_of_the_simulator():
 def estimated(ticks, error, covariance, yaw=0.3, **columns):
     """Scores of a run whose odometry lies elsewhere, with errors [m, m, rad] along odom."""
     person = line(ticks, yaw=yaw)
-    robot = beside(person, 1.3, 170.0, 10.0)
+    place = Standoff(1.3, math.radians(170.0), math.radians(10.0))
+    robot = person.compose(place.goal(Pose2D()))
     odom = Poses(robot.y + 5.0, -robot.x, robot.yaw - math.pi / 2)
     truth = odom.compose(robot.between(person))
     x, y, turn = (true + off for true, off in zip(truth, error, strict=True))
