@@ -1,4 +1,4 @@
-"""Recordings made in the test itself, a follower to record, and the commands as processes."""
+"""Samples of a tick, recordings of them, a follower to record, and the commands as processes."""
 
 import secrets
 from collections.abc import Callable, Sequence
@@ -6,12 +6,14 @@ from typing import Any
 
 import pytest
 from harness import Command, here, wait
+from mecazen import messages as m
 from mecazen.bus.zenoh_bus import ZenohBus
 from mecazen.config import BusConfig
 from mecazen.keys import topic_of
+from mecazen.wire import Stamp
 from mecazen_recorder.writer import RecordingWriter
-from recorder.ticks import stamp_of, tick
 
+TICK_NS = 10_000_000
 PROGRAM = """
 from mecazen.geometry import Twist2D
 from mecazen.row import Row, due, every
@@ -32,6 +34,27 @@ class Mine(Node):
 class Other(Mine):
     ROW = Row("other", inputs=Mine.ROW.inputs, outputs=(CMD_VEL,))
 """
+
+
+def odometry(number: float) -> m.Odometry:
+    pose = m.Pose(position=m.Point(number, -0.0, 0.1))
+    return m.Odometry(pose=m.PoseWithCovariance(pose=pose, covariance=(1 / 3,) * 36))
+
+
+def tick(number: int) -> dict[str, Any]:
+    """Return the samples of a tick, by key."""
+    return {
+        "clock": m.Clock(),
+        "joint_states": m.JointState(name=("a", "b"), position=(number / 3, 5e-324)),
+        "odom": odometry(number / 7),
+        "target/observation": m.Observation(poses=(odometry(number).pose,) * (number % 2)),
+        "follower/state": m.FollowerState(header=m.Header(frame_id="odom"), tracking="waiting"),
+        "cmd_vel": m.Twist(linear=m.Vector3(x=number / 10)),
+    }
+
+
+def stamp_of(number: int, run: int = 7, seed: int = 3) -> Stamp:
+    return Stamp(number * TICK_NS, run, seed)
 
 
 @pytest.fixture

@@ -22,8 +22,7 @@ from mecazen.wire import JSON_ENCODING
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
 from mecazen_tools.recorded import inspect
-from recorder.conftest import Net
-from recorder.ticks import odometry, stamp_of, tick
+from recorder.conftest import Net, odometry, stamp_of, tick
 
 PER_TICK = len(tick(0))
 CONVOY = load_scenario(SCENARIOS / "convoy.toml")

@@ -14,7 +14,7 @@ from mecazen.errors import MecazenError
 from mecazen.messages import Twist
 from mecazen_recorder.reader import Recording, Sample
 from mecazen_recorder.writer import RecordingError, RecordingWriter
-from recorder.ticks import TICK_NS, stamp_of, tick
+from recorder.conftest import TICK_NS, stamp_of, tick
 
 TICKS = range(20)
 

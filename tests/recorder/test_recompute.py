@@ -22,7 +22,7 @@ from mecazen_recorder.reader import Recording
 from mecazen_recorder.recompute import recompute
 from mecazen_recorder.service import Recorder
 from mecazen_recorder.writer import RecordingWriter
-from recorder.ticks import TICK_NS, odometry, stamp_of
+from recorder.conftest import TICK_NS, odometry, stamp_of
 
 TICKS = 40
 FRAME_TICKS = 4
