@@ -1,7 +1,5 @@
 """Kinematics and motors of a robot come out of recordings; an invalid file is one line."""
 
-from __future__ import annotations
-
 import cmath
 import gzip
 import math

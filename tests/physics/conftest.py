@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 from harness import load_robot
 from mecazen.robot import Robot

@@ -1,7 +1,5 @@
 """A robot's body: round wheels, loads, Coulomb's friction along the rollers, and the URDF."""
 
-from __future__ import annotations
-
 import math
 
 import dartpy as dart

@@ -1,7 +1,5 @@
 """Wheels under torque: what they accelerate and hold, their limits, and real motors."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

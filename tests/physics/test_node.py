@@ -1,7 +1,5 @@
 """The physics node: commands and people in, the state of the robots out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

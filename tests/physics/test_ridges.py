@@ -1,7 +1,5 @@
 """Robots cross sills and ramps, and feel patches of other friction."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

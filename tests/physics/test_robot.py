@@ -1,7 +1,5 @@
 """A robot in the world: at rest, driven, and stopped before its state diverges."""
 
-from __future__ import annotations
-
 import math
 import re
 

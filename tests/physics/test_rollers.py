@@ -1,14 +1,9 @@
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from mecazen.robot import Robot
 from mecazen.rollers import Roller
-
-Array = npt.NDArray[np.float64]
 
 
 @pytest.fixture
@@ -16,11 +11,11 @@ def roller(robot: Robot) -> Roller:
     return Roller.from_robot(robot)
 
 
-def axis(roller: Roller) -> Array:
+def axis(roller: Roller) -> np.ndarray:
     return np.array([np.sin(roller.angle), np.cos(roller.angle), 0.0])
 
 
-def surface(roller: Roller) -> Array:
+def surface(roller: Roller) -> np.ndarray:
     """Points (rings, turns, 3) of the roller at the bottom, in the wheel frame (y: the axle)."""
     s, r = roller.profile(np.linspace(-roller.half_arc, roller.half_arc, 801))
     turn = np.linspace(0.0, 2.0 * np.pi, 2881)

@@ -1,7 +1,5 @@
 """Robots and people in one world: those apart move as if alone, those in contact push."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Any
