@@ -33,9 +33,9 @@ def twist(who, vx, vy=0.0, yaw_rate=0.0):
     return {f"{who}_{name}": value for name, value in zip(TWIST, (vx, vy, yaw_rate), strict=True)}
 
 
-def line(ticks, yaw=0.0, speed=0.2):
-    """A person who walks straight on from the origin, towards `yaw` [rad]."""
-    way = speed * TICK_S * np.arange(ticks)
+def line(ticks, yaw=0.0):
+    """A person who walks straight on from the origin at 0.2 m/s, towards `yaw` [rad]."""
+    way = 0.2 * TICK_S * np.arange(ticks)
     return Poses(way * math.cos(yaw), way * math.sin(yaw), np.full(ticks, yaw))
 
 

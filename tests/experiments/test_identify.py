@@ -52,7 +52,7 @@ STEPS = np.loadtxt(ROOT / "examples" / "excitation.csv", delimiter=",", skiprows
 """A minute of commands that makes all parameters observable: time [s] and twist."""
 
 
-def driven(seed=1, noise_m=0.0, seconds=60.0, session="made"):
+def driven(seed=1, noise_m=0.0, seconds=60.0):
     """Return a run of a robot that moves along all axes at random, with a reference on it."""
     random, step_s = np.random.default_rng(seed), 0.01
     count = round(seconds / step_s)
@@ -68,7 +68,7 @@ def driven(seed=1, noise_m=0.0, seconds=60.0, session="made"):
     in_reference = steps @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]).T
     poses = shifted(integrated(in_reference), np.array([x, y]))
     poses = poses + random.normal(0.0, noise_m, poses.shape)
-    return checked(Run("made.csv", session, step_s * np.arange(count + 1), poses, wheels))
+    return checked(Run("made.csv", "made", step_s * np.arange(count + 1), poses, wheels))
 
 
 @pytest.fixture(scope="module")

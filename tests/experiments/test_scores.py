@@ -94,9 +94,9 @@ def test_a_real_run_has_every_measure_and_those_of_the_simulator():
 # --- estimation ----------------------------------------------------------------------------
 
 
-def estimated(ticks, error, covariance, yaw=0.3, **columns):
+def estimated(error, covariance, **columns):
     """Scores of a run whose odometry lies elsewhere, with errors [m, m, rad] along odom."""
-    person = line(ticks, yaw=yaw)
+    person = line(50, yaw=0.3)
     place = Standoff(1.3, math.radians(170.0), math.radians(10.0))
     robot = person.compose(place.goal(Pose2D()))
     odom = Poses(robot.y + 5.0, -robot.x, robot.yaw - math.pi / 2)
@@ -104,12 +104,12 @@ def estimated(ticks, error, covariance, yaw=0.3, **columns):
     x, y, turn = (true + off for true, off in zip(truth, error, strict=True))
     estimate = Poses(x, y, wrap(turn))
     poses = {"target": person, "robot": robot, "odom": odom, "estimate": estimate}
-    return score(run(ticks, **poses, **covariances(covariance), **columns), BACK)
+    return score(run(50, **poses, **covariances(covariance), **columns), BACK)
 
 
 def test_an_estimate_is_compared_with_the_person_as_seen_from_the_robot():
     velocity = twist("estimate", 0.3, 0.4) | twist("target", 0.2)
-    scores = estimated(50, (0.03, -0.04, math.radians(-5.0)), np.eye(3), **velocity)
+    scores = estimated((0.03, -0.04, math.radians(-5.0)), np.eye(3), **velocity)
     assert scores["estimate_position_err_m"] == pytest.approx(0.05)
     assert scores["estimate_yaw_err_deg"] == pytest.approx(5.0)
     assert scores["estimate_speed_err_m_s"] == pytest.approx(0.3)  # 0.5 for 0.2
@@ -118,10 +118,10 @@ def test_an_estimate_is_compared_with_the_person_as_seen_from_the_robot():
 def test_nees_weighs_each_error_by_its_covariance():
     # 0.1² / 0.02 + 0.2² / 0.01 + 0.3² / 0.09
     diagonal = np.diag([0.02, 0.01, 0.09])
-    assert estimated(50, (0.1, 0.2, 0.3), diagonal)["nees"] == pytest.approx(0.5 + 4.0 + 1.0)
+    assert estimated((0.1, 0.2, 0.3), diagonal)["nees"] == pytest.approx(0.5 + 4.0 + 1.0)
     # (0.1, 0.1) is an eigenvector of [[2, 1], [1, 2]] with the eigenvalue 3
     correlated = np.array([[0.02, 0.01, 0.0], [0.01, 0.02, 0.0], [0.0, 0.0, 1.0]])
-    assert estimated(50, (0.1, 0.1, 0.0), correlated)["nees"] == pytest.approx(0.02 / 0.03)
+    assert estimated((0.1, 0.1, 0.0), correlated)["nees"] == pytest.approx(0.02 / 0.03)
     values = nees(np.ones((3, 2)), np.array([np.eye(2), np.zeros((2, 2)), np.diag([-1.0, -1.0])]))
     assert values[0] == pytest.approx(2.0)
     assert np.isnan(values[1:]).all()  # not positive definite

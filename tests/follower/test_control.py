@@ -150,7 +150,6 @@ def test_pid_adds_terms_without_windup():
 
 
 NORTH = math.pi / 2
-RIGHT = Pose2D(1.0, 0.0, NORTH), Pose2D(0.0, 0.0, NORTH)
 PLACE = Pose2D(3.0, 4.0, NORTH)
 
 
@@ -163,7 +162,7 @@ def controller(kp=1.0, ki=0.0, kd=0.0, feed_forward=True):
     ("feed_forward", "goal", "velocity", "robot", "expected"),
     [
         # the robot looks along +y; a goal 1 m to the +x is on its right
-        (True, RIGHT[0], (0.0, 0.0, 0.0), RIGHT[1], (0.0, -1.0, 0.0)),
+        (True, Pose2D(1.0, 0.0, NORTH), (0.0, 0.0, 0.0), Pose2D(yaw=NORTH), (0.0, -1.0, 0.0)),
         (True, PLACE, (0.2, 0.5, 0.1), PLACE, (0.5, -0.2, 0.1)),
         (False, PLACE, (0.2, 0.5, 0.1), PLACE, (0.0, 0.0, 0.0)),
         # the short way across the wrap

@@ -210,9 +210,9 @@ class FilterpyMode(ExtendedKalmanFilter):
         super().update(z, lambda _: H, lambda x: x[:OBSERVED], R=NOISE)
 
 
-def observed(*phases, seed=1):
+def observed(*phases):
     """Yield noisy observations of a person who walks with (speed, turn rate) for each phase [s]."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     state = START.copy()
     for seconds, *motion in phases:
         state[OBSERVED:] = motion

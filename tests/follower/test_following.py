@@ -66,19 +66,18 @@ def u_track(time):
     return Twist2D(0.2, 0.0, 0.1 if straight <= time < straight + turn else 0.0)
 
 
-def lagging(wheel_lag=0.05, acceleration=(2.5, 2.5, 8.0)):
-    """Return a robot with limited acceleration and a first-order lag: from command to twist."""
+def lagging():
+    """Return a robot, from command to twist, with limited acceleration and a lag of 0.05 s."""
     limited = twist = (0.0, 0.0, 0.0)
 
     def respond(command):
         nonlocal limited, twist
         limited = [
             now + max(-a * DT, min(a * DT, wanted - now))
-            for now, wanted, a in zip(limited, command, acceleration, strict=True)
+            for now, wanted, a in zip(limited, command, (2.5, 2.5, 8.0), strict=True)
         ]
         twist = [
-            now + (wanted - now) * DT / wheel_lag
-            for now, wanted in zip(twist, limited, strict=True)
+            now + (wanted - now) * DT / 0.05 for now, wanted in zip(twist, limited, strict=True)
         ]
         return Twist2D(*twist)
 

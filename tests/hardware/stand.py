@@ -126,9 +126,9 @@ def linked(emulator):
         link.close()
 
 
-def until(condition, timeout_s=5.0):
+def until(condition):
     """Wait for a condition."""
-    end_s = time.monotonic() + timeout_s
+    end_s = time.monotonic() + 5.0
     while not condition():
         assert time.monotonic() < end_s, "it never happened"
         time.sleep(0.005)

@@ -40,9 +40,9 @@ SERVICES = ("hardware", "controller")
 AHEAD = Twist2D(0.5, 0.0, 0.0)
 
 
-def scenario(port="/dev/ttyUSB0", hardware=None, **sections):
-    config = HardwareConfig(port=port, **(hardware or {}))
-    return Scenario(**{"robot": ROBOT, "services": SERVICES, "hardware": config, **sections})
+def scenario(port="/dev/ttyUSB0", **sections):
+    hardware = HardwareConfig(port=port)
+    return Scenario(**{"robot": ROBOT, "services": SERVICES, "hardware": hardware, **sections})
 
 
 def speed(motion):

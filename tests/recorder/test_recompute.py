@@ -38,29 +38,26 @@ def mine(program):
 def recorded(tmp_path, mine):
     """Record followers that answer made-up odometry and frames; return the file."""
 
-    def make(first=0, runs=1, robots=()):
+    def make(first=0, robots=()):
         path = tmp_path / "run.mcap"
         scenario = Scenario(robot=load_robot(), seed=3, robots=robots, programs={"follower": mine})
         bus = Bus()
         workers = [Worker(Host([("follower", r)], bus, scenario)) for r in scenario.names]
         config = RecorderConfig(file=OutputFile(path))
         recorder = Recorder(bus, config, lambda: to_toml(scenario), robots=scenario.names)
-        for run in range(7, 7 + runs):
-            for number in range(first, TICKS):
-                for other, robot in enumerate(scenario.names):
-                    publish(bus, robot, number, other, stamp_of(number, run))
-                for worker in workers:
-                    while worker.step():
-                        pass
+        for number in range(first, TICKS):
+            stamp = stamp_of(number)
+            for other, robot in enumerate(scenario.names):
+                observation, odom = (keys.of_robot(t, robot) for t in (keys.OBSERVATION, keys.ODOM))
+                if number % FRAME_TICKS == 0:
+                    seen = Observation(poses=(odometry(1).pose,) * (number % 3))
+                    bus.publisher(observation).put(seen, stamp)
+                bus.publisher(odom).put(odometry(number / 7 + other), stamp)
+            for worker in workers:
+                while worker.step():
+                    pass
         recorder.writer.close()
         return path
-
-    def publish(bus, robot, number, other, stamp):
-        observation, odom = (keys.of_robot(t, robot) for t in (keys.OBSERVATION, keys.ODOM))
-        if number % FRAME_TICKS == 0:
-            seen = Observation(poses=(odometry(1).pose,) * (number % 3))
-            bus.publisher(observation).put(seen, stamp)
-        bus.publisher(odom).put(odometry(number / 7 + other), stamp)
 
     return make
 
