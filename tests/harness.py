@@ -261,7 +261,7 @@ class Rig:
 
 
 class Steps:
-    """A node by itself, stepped by hand: no bus, nothing faked.
+    """A node by itself, stepped by hand: no bus, nothing faked. `inputs` are its newest.
 
     Args:
         kind: Its class.
@@ -284,7 +284,7 @@ class Steps:
     def step(self, tick: int, samples: Mapping[Topic[Any], Message]) -> dict[Topic[Any], Any]:
         """Return the outputs of a tick; of the last one again, its step is done again."""
         known_ns = {topic: came * self.tick_ns for topic, came in self._came.items()}
-        inputs = Inputs(samples, known_ns, tick * self.tick_ns)
+        self.inputs = inputs = Inputs(samples, known_ns, tick * self.tick_ns)
         period_ns = self.tick_ns * (1 if self._last is None else tick - self._last)
         outputs = self.node.step(Tick(tick, tick * self.tick_ns, period_ns / 1e9), inputs)
         refused = [topic for topic, _ in inputs.refused]

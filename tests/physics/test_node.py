@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import pytest
-from harness import Rig, assert_sendable, load_robot
+from harness import Rig, Steps, assert_sendable, load_robot
 from hostile import forged
 from mecazen import keys
 from mecazen import messages as m
@@ -26,7 +26,6 @@ from mecazen.config.sensors import EncodersConfig
 from mecazen.config.world import Box
 from mecazen.errors import ConfigError
 from mecazen.geometry import Pose2D, Twist2D
-from mecazen.node import Inputs, Tick
 from mecazen.robot import WHEEL_JOINTS, WHEELS, roller_joint
 from mecazen.skeleton import JOINTS
 from mecazen.urdf import build_meshes
@@ -55,44 +54,26 @@ def person(pose: Pose2D = FAR, twist: Twist2D = Twist2D()) -> m.Odometry:  # noq
     return m.planar_odometry(m.Time(), "world", "person", pose, twist)
 
 
-TOPICS = {
-    "command": keys.JOINT_COMMAND,
-    "person": keys.TARGET_ODOM,
-    "people": keys.PEOPLE,
-    "skeleton": keys.TARGET_SKELETON,
-}
-
-
-class Driven:
-    """Robots that get commands and people in every tick."""
+class Driven(Steps):
+    """Robots that get commands and people in every tick; `outputs` are those of the newest."""
 
     def __init__(self, config: PhysicsConfig = FAST, **changes: Any) -> None:
-        self.node = PhysicsNode(scenario(config, **changes))
-        self.begin()
+        super().__init__(PhysicsNode, scenario(config, **changes))
 
-    def begin(self) -> None:
-        self.node.reset(3)
+    def reset(self, seed: int = 3) -> None:
+        super().reset(seed)
         self.number = -1
-        self.used: dict[Any, int] = {}
-        """The last tick with a good sample, by topic."""
-        self.step({})
+        self.tick({})
 
-    def tick(self, **messages: m.Message) -> Inputs:
-        """Step with messages by the names of `TOPICS`; return the inputs, with the refused ones."""
-        return self.step({TOPICS[name]: message for name, message in messages.items()})
-
-    def step(self, samples: Mapping[Any, m.Message]) -> Inputs:
+    def tick(self, samples: Mapping[Any, m.Message]) -> list[tuple[Any, str]]:
+        """Step; return the topics of the samples that were refused, with the reasons."""
         self.number += 1
-        # as in the runtime: since the last tick before this one that had a good sample
-        known_ns = {topic: tick * TICK_NS for topic, tick in self.used.items()}
-        inputs = Inputs(samples, known_ns, self.number * TICK_NS)
-        self.outputs = self.node.step(Tick(self.number, self.number * TICK_NS, 0.01), inputs)
-        self.used |= dict.fromkeys(inputs.samples, self.number)
-        return inputs
+        self.outputs = self.step(self.number, samples)
+        return self.inputs.refused
 
     def drive(self, ticks: int, velocity: Sequence[float] = (), effort: Sequence[float] = ()):
         for _ in range(ticks):
-            self.tick(command=joints(velocity, effort))
+            self.tick({keys.JOINT_COMMAND: joints(velocity, effort)})
 
     @property
     def joints(self) -> m.JointState:
@@ -131,11 +112,12 @@ def test_commands_are_assigned_by_joint_name():
     names = tuple(reversed(WHEEL_JOINTS))
     command = m.JointState(name=("arm", *names), velocity=(9.0, 4.0, 3.0, 2.0, 1.0))
     for _ in range(10):
-        driven.tick(command=command)
+        driven.tick({keys.JOINT_COMMAND: command})
     assert driven.wheels == pytest.approx([1.0, 2.0, 3.0, 4.0], abs=0.02)  # the servo's rest
-    driven.begin()
+    driven.reset()
+    command = m.JointState(name=names, effort=(0.4, 0.3, 0.2, 0.1))
     for _ in range(5):
-        driven.tick(command=m.JointState(name=names, effort=(0.4, 0.3, 0.2, 0.1)))
+        driven.tick({keys.JOINT_COMMAND: command})
     assert driven.joints.effort[:4] == (0.1, 0.2, 0.3, 0.4)
     assert driven.pose.x > 0.0
 
@@ -148,8 +130,8 @@ def test_incomplete_command_is_refused():
         m.JointState(name=WHEEL_JOINTS, velocity=(1.0,) * 3),
         m.JointState(name=WHEEL_JOINTS, position=(1.0,) * 4),
     ):
-        inputs = driven.tick(command=command)
-        assert [topic for topic, _ in inputs.refused] == [keys.JOINT_COMMAND]
+        refused = driven.tick({keys.JOINT_COMMAND: command})
+        assert [topic for topic, _ in refused] == [keys.JOINT_COMMAND]
         assert driven.wheels == pytest.approx([2.0] * 4, abs=0.05)
 
 
@@ -158,7 +140,7 @@ def test_watchdog_brakes_until_the_next_command():
     driven.drive(30, [4.0] * 4)
     speeds = []
     for _ in range(30):
-        driven.tick(person=person())
+        driven.tick({keys.TARGET_ODOM: person()})
         speeds.append(driven.wheels[0])
     # the controller's limit is 2.5 m/s², which are 0.5 rad/s in a tick with a radius of 0.05 m
     braking = [4.0 - 0.5 * n for n in range(1, 9)]
@@ -168,23 +150,23 @@ def test_watchdog_brakes_until_the_next_command():
     assert driven.wheels == pytest.approx([4.0] * 4, abs=0.1)
 
 
-def sample(kind: str, x: float, tick: int, joints: int = len(JOINTS)) -> dict[str, m.Message]:
+def sample(kind: str, x: float, tick: int, joints: int = len(JOINTS)) -> dict[Any, m.Message]:
     """A person at x who walks towards -x at 1 m/s: upright, or with joints above each other."""
     if kind == "pose":
-        return {"person": person(Pose2D(x, 0.0, math.pi), Twist2D(x=1.0))}
+        return {keys.TARGET_ODOM: person(Pose2D(x, 0.0, math.pi), Twist2D(x=1.0))}
     body = tuple(m.Point(x=x, z=1.7 * index / len(JOINTS)) for index in range(joints))
     header = m.Header(stamp=m.Time.from_ns(tick * TICK_NS))
-    return {"skeleton": m.Skeleton(header=header, height=1.75, joints=body)}
+    return {keys.TARGET_SKELETON: m.Skeleton(header=header, height=1.75, joints=body)}
 
 
 @pytest.mark.parametrize(("kind", "radius"), [("pose", 0.2), ("fused", 0.03)])
 def test_person_without_samples_stands_still(kind, radius):
     driven = Driven(WATCHFUL, sensor=SensorConfig(kind=kind))
     for tick in range(2):
-        assert not driven.tick(**sample(kind, 0.92 - 0.01 * tick, tick)).refused
+        assert not driven.tick(sample(kind, 0.92 - 0.01 * tick, tick))
     for tick in range(2, 40):  # a skeleton that lacks a joint is refused
         bad = {} if kind == "pose" else sample(kind, 0.9, tick, joints=19)
-        assert len(driven.tick(command=joints([0.0] * 4), **bad).refused) == len(bad)
+        assert len(driven.tick({keys.JOINT_COMMAND: joints([0.0] * 4)} | bad)) == len(bad)
     assert driven.pose.x == pytest.approx(0.0, abs=1e-3)
     driven.drive(120, [10.0] * 4)
     # after 0.11 s without a sample; the base's front is at 0.19 m, that of the rims at 0.2 m
@@ -200,9 +182,9 @@ def test_a_walker_who_leaves_pushes_nobody(kind, ticks):
         pose, twist = m.Pose.planar(Pose2D(x, 0.0, math.pi)), m.Twist.planar(Twist2D(x=1.0))
         walker = m.Person("walker_1", pose, twist, 1.75, body)
         header = m.Header(stamp=m.Time.from_ns(tick * TICK_NS))
-        assert not driven.tick(people=m.People(header, (walker,))).refused
+        assert not driven.tick({keys.PEOPLE: m.People(header, (walker,))})
     driven.drive(ticks, [0.0] * 4)  # they stand after 0.1 s without a sample
-    driven.tick(people=m.People())
+    driven.tick({keys.PEOPLE: m.People()})
     driven.drive(50)
     assert driven.pose == pytest.approx(Pose2D(), abs=1e-3)
     driven.drive(100, [20.0] * 4)  # at 1 m/s through the place where they stood
@@ -273,7 +255,7 @@ def test_each_robot_has_its_commands_and_watchdog():
     driven, topic = Driven(WATCHFUL, robots=robots), keys.JOINT_COMMAND
     for tick in range(60):
         names = ("fast", "slow") if tick < 30 else ("fast",)
-        driven.step({keys.of_robot(topic, name): joints([5.0] * 4) for name in names})
+        driven.tick({keys.of_robot(topic, name): joints([5.0] * 4) for name in names})
     fast, slow = (driven.outputs[keys.of_robot(keys.GROUND_TRUTH, r.name)] for r in robots)
     # nexus at 5 rad/s; 0.3 s after the last command: the watchdog and the time to slow down
     assert fast.twist.twist.linear.x == pytest.approx(0.25, rel=0.05)
@@ -288,7 +270,7 @@ def weave(driven: Driven) -> bytes:
     for tick in range(25):
         command = joints([4.0, 3.0, math.sin(0.3 * tick), 2.0])
         walking = person(Pose2D(0.45 - 0.004 * tick, 0.05), Twist2D(x=-0.4))
-        driven.tick(command=command, person=walking)
+        driven.tick({keys.JOINT_COMMAND: command, keys.TARGET_ODOM: walking})
         states += [encode(message) for message in driven.outputs.values()]
     return b"".join(states)
 
@@ -297,7 +279,7 @@ def test_reset_equals_a_fresh_start_bit_for_bit():
     driven = Driven()
     expected = weave(driven)
     driven.drive(10, [10.0, -10.0, 5.0, 2.0])
-    driven.begin()
+    driven.reset()
     assert driven.pose == Pose2D()
     assert weave(driven) == expected == weave(Driven())
 
@@ -357,11 +339,11 @@ def test_persons_with_joints_have_contact_at_legs():
         body = joints_at(0.5 - 0.01 * number)
         skeleton = m.Skeleton(header=header, height=1.75, joints=body)
         walker = m.Person("walker_1", height=1.75, joints=body)
-        refused = driven.tick(skeleton=skeleton, people=m.People(header, (walker,))).refused
-        assert not refused
+        people = m.People(header, (walker,))
+        assert not driven.tick({keys.TARGET_SKELETON: skeleton, keys.PEOPLE: people})
     assert driven.pose == pytest.approx(Pose2D(), abs=1e-4)
     alone = m.People(persons=(m.Person("walker_1"),))
-    refused = driven.tick(skeleton=m.Skeleton(), people=alone).refused
+    refused = driven.tick({keys.TARGET_SKELETON: m.Skeleton(), keys.PEOPLE: alone})
     assert {topic for topic, _ in refused} == {keys.TARGET_SKELETON, keys.PEOPLE}
     assert {reason for _, reason in refused} == {"needs 20 joints"}
 
@@ -369,10 +351,10 @@ def test_persons_with_joints_have_contact_at_legs():
 @pytest.mark.parametrize("kind", ["pose", "fused"])
 def test_jump_of_a_person_is_refused(kind):
     driven = Driven(sensor=SensorConfig(kind=kind))
-    driven.tick(**sample(kind, 3.0, 0))
+    driven.tick(sample(kind, 3.0, 0))
     for tick, x in enumerate((0.1, 0.1, 2.45)):
         # 20 m/s take a person as far as the last within the 30 ms
-        assert len(driven.tick(**sample(kind, x, tick)).refused) == (x < 1.0)
+        assert len(driven.tick(sample(kind, x, tick))) == (x < 1.0)
     assert driven.pose == pytest.approx(Pose2D(), abs=1e-3)
 
 
