@@ -258,29 +258,22 @@ def test_settings_without_effect_are_refused():
     assert live.requested.follower.standoff_m != 2.0
 
 
-class OnBus(Rig):
-    """A follower that drives at 1 m/s for each metre that is missing."""
+ON_BUS = Scenario(
+    NEXUS,
+    services=("physics", "controller", "target", "follower"),
+    sim=SimConfig(mode="lockstep"),
+    follower=FollowerConfig(estimator="imm", control=PROPORTIONAL),
+)
 
-    def __init__(self):
-        scenario = Scenario(
-            NEXUS,
-            services=("physics", "controller", "target", "follower"),
-            sim=SimConfig(mode="lockstep"),
-            follower=FollowerConfig(estimator="imm", control=PROPORTIONAL),
-        )
-        super().__init__("follower", scenario, keys.FOLLOWER_STATE, keys.CMD_VEL)
 
-    def odom(self, tick, robot=ORIGIN, run=1):
-        stamp = self.at(tick, run)
-        odom = m.planar_odometry(stamp.time, "odom", "base_link", robot, Twist2D())
-        return self.put(keys.ODOM, odom, stamp)
-
-    def frame(self, tick, person, run=1):
-        """Publish what is seen at a tick; return what comes of it."""
-        stamp = self.at(tick, run)
-        poses = (m.PoseWithCovariance(m.Pose.planar(person)),)
-        frame = m.Observation(m.Header(stamp.time, "base_link"), poses)
-        return self.put(keys.OBSERVATION, frame, stamp)
+def answers(rig, robot, person, run=1):
+    """Publish odometry and a frame of a run's first tick; return what the follower answers."""
+    stamp = rig.at(0, run)
+    odom = m.planar_odometry(stamp.time, "odom", "base_link", robot, Twist2D())
+    rig.put(keys.ODOM, odom, stamp)
+    poses = (m.PoseWithCovariance(m.Pose.planar(person)),)
+    frame = m.Observation(m.Header(stamp.time, "base_link"), poses)
+    return rig.put(keys.OBSERVATION, frame, stamp)
 
 
 ODOM = m.planar_odometry(m.Time(1), "odom", "base_link", Pose2D(1.0, 2.0, 0.5), Twist2D(0.1))
@@ -303,14 +296,12 @@ GOOD = {
 
 @forged(GOOD)
 def test_hostile_samples_do_no_lasting_harm(wrong):
-    rig, next_run = OnBus(), 2**32 - 1
-    rig.odom(0)
-    rig.frame(0, AHEAD)
+    rig, next_run = Rig("follower", ON_BUS, keys.FOLLOWER_STATE, keys.CMD_VEL), 2**32 - 1
+    answers(rig, ORIGIN, AHEAD)
     for sample in rig.put_wrong(wrong):
         if sample.key == "cmd_vel":
             assert max(map(abs, sample.message.to_planar())) <= 2.0
-    rig.odom(0, Pose2D(0.1), next_run)
-    state, command = rig.frame(0, Pose2D(1.5, 0.2), next_run)
+    state, command = answers(rig, Pose2D(0.1), Pose2D(1.5, 0.2), next_run)
     assert (state.key, command.key) == ("follower/state", "cmd_vel")
     assert command.stamp == state.stamp
     assert estimate_of(state.message) == pytest.approx((1.6, 0.2, 0.0))

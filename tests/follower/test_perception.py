@@ -4,12 +4,11 @@ import math
 
 import pytest
 from follower.rooms import legs, scan
-from harness import SCENARIOS
+from harness import SCENARIOS, Steps
 from mecazen.geometry import Pose2D, wrap
 from mecazen.keys import SCAN, SKELETONS
 from mecazen.loading import load_scenario
 from mecazen.messages import Header, LaserScan, Point, Skeleton, Skeletons
-from mecazen.node import Inputs, Tick
 from mecazen.scan import clusters, ranges_of
 from mecazen.skeleton import JOINTS
 from mecazen_follower.measurement import NO_HEADING
@@ -110,13 +109,12 @@ HERE = Pose2D(1.0, 0.0, 0.2)
 
 def test_the_nodes_answer_with_observations_in_base_link():
     scenario = load_scenario(SCENARIOS / "senses.toml")
-    tick = Tick(number=0, time_ns=0, period_s=0.04)
     frame = Skeletons(header=Header(frame_id="base_link"), skeletons=(skeleton(HERE),))
-    (seen,) = BodyNode(scenario).step(tick, Inputs({SKELETONS: frame})).values()
+    (seen,) = Steps(BodyNode, scenario).step(0, {SKELETONS: frame}).values()
     assert seen.ids == ("7",)
     assert seen.poses[0].pose.to_planar().distance(HERE) < 1e-9
     lidar_x = scenario.robot.lidar.position_m[0]
-    inputs = Inputs({SCAN: scan(Pose2D(), legs(1.0, 0.0))})
-    (found,) = LegsNode(scenario).step(tick, inputs).values()
+    scanned = {SCAN: scan(Pose2D(), legs(1.0, 0.0))}
+    (found,) = Steps(LegsNode, scenario).step(0, scanned).values()
     assert found.header.frame_id == "base_link"
     assert found.poses[0].pose.position.x == pytest.approx(1.0 + lidar_x, abs=0.03)
