@@ -12,8 +12,6 @@ from mecazen_hardware.emulator.firmware import CYCLE_MS, Firmware, Instruments
 from mecazen_hardware.emulator.line import SerialLine
 from mecazen_hardware.emulator.world import BREAK_AWAY_V, EmulatedWorld, load, motor_torque
 
-VOLTS = 12.0
-
 
 def motion(x, y=0, yaw=0):
     return frame(0x12, struct.pack("<B3h", 1, x, y, yaw))
@@ -27,7 +25,7 @@ def take(board, *frames):
         run(board, 1)
 
 
-def run(board, ms, measured=Instruments(volts=VOLTS)):  # noqa: B008  # immutable
+def run(board, ms, measured=Instruments(volts=12.0)):  # noqa: B008  # immutable
     """Return what the board sends in some milliseconds."""
     return [sent for _ in range(ms) if (sent := board.millisecond(measured))]
 

@@ -12,11 +12,12 @@ import time
 import tty
 from contextlib import contextmanager
 from itertools import pairwise
+from unittest.mock import Mock
 
 import pytest
 import serial
 from hardware.stand import MOTION, RESET, ROBOT, STOP_WITHIN_S, emulated, linked, until
-from harness import error_of
+from harness import Listener, Newest, error_of
 from hypothesis import given
 from hypothesis import strategies as st
 from mecazen import keys
@@ -55,19 +56,12 @@ class Running:
 
     def __init__(self, whole):
         self.bus = Bus()
-        self.newest = {}
-        self.odometry_speeds = []
-        """Forward speed in each odometry message so far [m/s]."""
+        topics = (keys.ODOM, keys.IMU, keys.BATTERY_STATE, keys.JOINT_STATES)
+        self.newest = {topic: Newest(self.bus, topic) for topic in topics}
+        self.odometry = Listener(self.bus, keys.ODOM)
         self.host = Host([(name, "") for name in whole.services], self.bus, whole)
-        for topic in (keys.ODOM, keys.IMU, keys.BATTERY_STATE, keys.JOINT_STATES):
-            self.bus.subscribe(topic, lambda message, _, topic=topic: self.note(topic, message))
         self.clock = Clock(self.host)
         self.clock.begin()
-
-    def note(self, topic, message):
-        self.newest[topic] = message
-        if topic is keys.ODOM:
-            self.odometry_speeds.append(message.twist.twist.linear.x)
 
     def drive(self, duration_s, twist=None):
         for _ in range(round(duration_s / 0.01)):
@@ -83,7 +77,7 @@ class Running:
 
     @property
     def x_m(self):
-        return self.newest[keys.ODOM].pose.pose.position.x
+        return self.newest[keys.ODOM].pose.x
 
     @property
     def health(self):
@@ -110,10 +104,11 @@ def test_a_command_moves_the_wheels_and_odometry_follows():
         # two cycles of the board at 0.5 m/s
         assert run.x_m == pytest.approx(rolled_m(emulator), abs=0.041)
         # of the last second: where a busy machine reads a report late, one speed is too high or low
-        assert statistics.fmean(run.odometry_speeds[-100:]) == pytest.approx(0.5, abs=0.1)
-        assert run.newest[keys.BATTERY_STATE].voltage == pytest.approx(12.0, abs=0.1)
-        assert run.newest[keys.IMU].linear_acceleration.z == pytest.approx(9.81)
-        assert run.newest[keys.JOINT_STATES].name[0] == "front_left_wheel_joint"
+        speeds = [odom.message.twist.twist.linear.x for odom in run.odometry.take()]
+        assert statistics.fmean(speeds[-100:]) == pytest.approx(0.5, abs=0.1)
+        assert run.newest[keys.BATTERY_STATE].message.voltage == pytest.approx(12.0, abs=0.1)
+        assert run.newest[keys.IMU].message.linear_acceleration.z == pytest.approx(9.81)
+        assert run.newest[keys.JOINT_STATES].message.name[0] == "front_left_wheel_joint"
         # the emulated board loses a frame if a busy machine lets it read late
         assert emulator.firmware.lost <= emulator.firmware.taken // 20
         assert "warning/motors" not in run.health
@@ -344,11 +339,8 @@ def test_what_can_not_be_opened_is_one_line(monkeypatch, tmp_path):
         (errno.EACCES, "no permission; `sudo usermod -aG "),
         (errno.EIO, "can't be opened: "),
     ):
-
-        def refuse(*_, number=number, **__):
-            raise serial.SerialException(number, "refused")
-
-        monkeypatch.setattr(serial, "Serial", refuse)
+        refusal = serial.SerialException(number, "refused")
+        monkeypatch.setattr(serial, "Serial", Mock(side_effect=refusal))
         assert f"/dev/null: {reason}" in error(port="/dev/null")
 
 
