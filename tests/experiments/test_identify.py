@@ -185,21 +185,16 @@ def test_a_validation_reports_the_drift_of_models_and_of_the_simulation(tmp_path
 # ---- motors
 
 
-def planted(seed):
-    """Return motors of a hidden robot."""
-    random = np.random.default_rng(seed)
-    gains = random.uniform(0.98, 1.02, 4).tolist()
-    return RealMotors(
-        delay_s=random.uniform(0.005, 0.06),
-        time_constant_s=random.uniform(0.03, 0.12),
-        dead_band_rad_s=random.uniform(0.2, 0.6),
-        gains=(gains[0], gains[1], gains[2], gains[3]),
-    )
-
-
 def record(seed, file):
-    """Record a minute of the excitation; the robot differs from its file in size as well."""
-    random, motors = np.random.default_rng(1000 + seed), planted(seed)
+    """Record a minute of the excitation; the robot differs from its file in motors and size."""
+    hidden, random = np.random.default_rng(seed), np.random.default_rng(1000 + seed)
+    gains = tuple(hidden.uniform(0.98, 1.02, 4).tolist())
+    motors = RealMotors(
+        delay_s=hidden.uniform(0.005, 0.06),
+        time_constant_s=hidden.uniform(0.03, 0.12),
+        dead_band_rad_s=hidden.uniform(0.2, 0.6),
+        gains=gains,
+    )
     scenario = load_scenario(
         scenario_path("teleop"),
         {

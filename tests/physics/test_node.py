@@ -95,8 +95,7 @@ def test_state_has_wheels_rollers_and_true_pose():
     state = driven.joints
     assert state.name == (*WHEEL_JOINTS, *rollers)
     assert len(state.position) == len(state.velocity) == len(state.effort) == 40
-    for _ in range(3):
-        driven.drive(1, [0.0] * 4)
+    driven.drive(3, [0.0] * 4)
     truth = driven.outputs[keys.GROUND_TRUTH]
     assert truth.header == msgspec.structs.replace(truth.header, stamp=m.Time(nanosec=3 * TICK_NS))
     assert (truth.header.frame_id, truth.child_frame_id) == ("world", "base_link")
